@@ -26,7 +26,7 @@ class Kind:
     Attributes
     ----------
     type
-        Of each value.
+        Python type of each value.
     within
         Lowest and highest value; None for no limit.
     several
@@ -34,9 +34,9 @@ class Kind:
     unnamed
         Whether it is typed without a name if it is the first argument of its function.
     names
-        Of the option, where they differ from the parameter's.
+        Names of the option, where they differ from the parameter's.
     say
-        A text that follows that of the docstring.
+        Text that --help adds to that of the docstring.
     read
         Turns the typed text into the function's argument.
     of_table

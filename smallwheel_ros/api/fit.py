@@ -77,21 +77,24 @@ def fit(
     base = replace(base, parts=(*base.parts, *parts))
     if tests or not measurements.conditions.rolling.all():
         lab = fit_lab(measurements, joined_shear(tests) if tests else None, base, known)
-        return replace(lab, notes=(*lab.notes, *_far_off(Problem.of(measurements, base))))
+        return replace(lab, notes=(*lab.notes, *_advice(Problem.of(measurements, base))))
     problem = Problem.of(measurements, base)
     errors, found = problem.held_out(), problem.result()
     said = [a.sentence() for a in agreements(measurements, base) if not a.agrees]
     rmse = {} if errors is None else errors.rmse()
-    return replace(found, held_out=rmse, notes=(*found.notes, *said, *_far_off(problem)))
+    return replace(found, held_out=rmse, notes=(*found.notes, *said, *_advice(problem)))
 
 
-def _far_off(problem: "Problem") -> list[str]:
-    """That the gauge is stuck, and each run that `diagnose` would leave out as a slip of the pen."""
+def _advice(problem: "Problem") -> list[str]:
+    """What `diagnose` says or does about a stuck gauge, runs that are slips of the pen, runs that differ."""
     import numpy as np
 
     from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad, stuck
+    from smallwheel_ros.fitting.result import runs_differ, unusual
     from smallwheel_ros.measurements.display import number, words
 
+    fitter = problem.fitter
+    differ = runs_differ(unusual(fitter, fitter.true_scatter(problem.fit)))
     left, table = problem.judged, problem.points.measurements
     bad: list[BadRun] = []
     most = most_bad(left.points.run_count)
@@ -99,6 +102,8 @@ def _far_off(problem: "Problem") -> list[str]:
         bad += more
         left = left.without(np.concatenate([one.rows for one in more]))
     said = [still] if (still := stuck(problem.points)) else []
+    if differ:
+        said.append("`smallwheel diagnose` looks for what is missing where runs differ so much")
     return said + [
         f"run {one.name} ({table.place} {', '.join(map(str, table.line[one.rows][:5]))}) lies far off and is "
         f"in the fit: its {words(one.channel)} is {number(one.deviations, 2)} {one.against}. Look it up in "

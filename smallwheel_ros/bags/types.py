@@ -125,7 +125,7 @@ class Definitions:
         Raises
         ------
         DefinitionError
-            Where it has not, or where the bag's definition cannot be read.
+            If it lacks one of these fields, or the bag's definition cannot be read.
         """
         kind, store = topic.msgtype, self._store(topic)
         if as_here and kind not in typestore().fielddefs:

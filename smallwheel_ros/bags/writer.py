@@ -114,9 +114,9 @@ class BagWriter:
         topic, kind
             Such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
         log_time
-            Of recording, ns since the epoch.
+            Time of recording, ns since the epoch.
         message
-            Made with `message_type`, or any object with the type's fields.
+            A message of a class from `message_type`, or any object with the type's fields.
         """
         self.write_raw(topic, kind, log_time, typestore().serialize_cdr(message, kind))
 
@@ -141,7 +141,7 @@ class BagWriter:
         topic
             As returned by `BagReader.channel`.
         log_time
-            Of recording, ns since the epoch.
+            Time of recording, ns since the epoch.
         data
             As it is in that bag.
         """

@@ -35,9 +35,9 @@ def output(text: str, name: str = "output", required: bool = False) -> Decorator
     Parameters
     ----------
     text
-        Its help.
+        Help of the option.
     name
-        Of the parameter; `model_file` may be the model file that is read.
+        Name of the parameter; `model_file` may be the model file that is read.
     required
         Whether it has to be given.
     """
@@ -88,7 +88,7 @@ def progress_bar(
     total
         Steps in all; None if not known yet.
     unit
-        Of a step.
+        What a step is called.
 
     Yields
     ------

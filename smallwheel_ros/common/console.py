@@ -45,7 +45,7 @@ def tell(
     document
         Plain values.
     text
-        For people.
+        Text for people.
     json_file, written
         See `show`.
     """

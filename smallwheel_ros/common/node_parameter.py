@@ -221,7 +221,7 @@ def parameter(
     default
         None if there is none; then the field's type allows None, or the parameter is required.
     unit
-        Of a number.
+        Unit of the value, if it is a number.
     span
         Ends of its range, in its unit, both allowed.
     text
@@ -315,7 +315,7 @@ def filled(declared: type[Declared], values: Mapping[str, Any], before: str = ""
     declared
         The class of the group.
     values
-        Of all its parameters, by full name.
+        Values of all its parameters, by full name.
     before
         Prefix of the group's parameter names, such as `cost.`.
     """

@@ -65,16 +65,17 @@ _REPEAT = "how well a row repeats is not known: repeat a few runs, or state {}_s
 
 @dataclass(frozen=True)
 class Floor:
-    """The expected error of a true model on held-out runs, by channel, m or N.
+    """The held-out error to expect of a true model, for one channel.
 
     Attributes
     ----------
     value, source
-        From a diagnosis of the same data; None without one.
+        The error (m, N or N m), and how the noise was found, by a diagnosis of the same data; None without
+        one.
     reason
         How the value was found, or why there is none.
     repeatability
-        By how much rows of one run differ; None where nothing was repeated.
+        Standard deviation of the rows of one run, SI; None where nothing was repeated.
     """
 
     value: float | None
@@ -90,7 +91,7 @@ class ModelResult:
     Attributes
     ----------
     model
-        With the parameters of a fit to all rows; None for a constant.
+        The model with parameters fitted to all rows; None for a constant.
     in_sample
         Errors of that model.
     held_out
@@ -100,7 +101,7 @@ class ModelResult:
     not_predicted
         Rows that it cannot predict, with the reason.
     why
-        By channel, what may make it worse than no law (`reasons`).
+        By channel, what may make it predict worse than no law at all (`reasons`).
     """
 
     contender: Contender
@@ -120,12 +121,12 @@ class Comparison(Result, shown="views.comparison"):
     Attributes
     ----------
     noise
-        By channel.
+        Error to expect of a true model, by channel.
     folds
         Number of parts into which the runs were dealt for the held-out error; 0 if nothing could be
         held out.
     left_out
-        Lines of rows that are in no error, with the reason.
+        Lines of the rows that no error includes, with the reason.
     """
 
     measurements: Measurements
@@ -170,7 +171,7 @@ class Comparison(Result, shown="views.comparison"):
         Parameters
         ----------
         result, channel, held_out
-            As of `residual`.
+            See `residual`.
         rows
             Rows that count, shape (rows,); all without it.
         """
@@ -186,7 +187,7 @@ class Comparison(Result, shown="views.comparison"):
         Parameters
         ----------
         result, channel
-            As of `residual`.
+            See `residual`.
         """
         return self.score(result, channel, held_out=True) or self.score(result, channel)
 

@@ -46,9 +46,9 @@ class Errors:
     Attributes
     ----------
     by_part
-        Of each part by its name; None where it has none.
+        Error of each part by its name; None where it has none.
     rmse
-        Of all parts.
+        Error over all parts.
     refused
         Number of points that it does not predict.
     effects
@@ -70,7 +70,7 @@ class Errors:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Whether our law is better or worse than this one; None if they are not compared."""
+        """Whether our law wins or loses against this one, or neither; None if they are not compared."""
         d = self.against
         if d is None:
             return None
@@ -104,7 +104,7 @@ class LawTable:
 
     @property
     def others(self) -> list[Errors]:
-        """The laws of other authors, on every channel."""
+        """Errors of the laws that are not ours, on every channel."""
         return [law for law in self.laws if law.law not in (INTEGRAL, OURS) and law.against]
 
     def of(self, channel: str) -> list[Errors]:

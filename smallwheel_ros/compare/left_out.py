@@ -35,7 +35,7 @@ class Task:
     what
         What the parts are: sizes, runs, ...
     names, part
-        Of the parts; code of each row's part, shape (rows,).
+        Names of the parts; index of each row's part, shape (rows,).
     fold
         Code of the rows that are left out together, shape (rows,).
     """

@@ -38,7 +38,7 @@ class Law:
     Attributes
     ----------
     name
-        In the table; that of the class if not given.
+        Name of the law in the table; that of the class if not given.
     needs
         Columns besides load, diameter and width; the law is left out for a table without them.
     """

@@ -21,7 +21,7 @@ Reasons = tuple[tuple[str, Index], ...]
 _SUNK = "the wheel was measured deeper than its axle"
 _SIZES = 3  # columns of `line` that a law of plates has, too: load, diameter and width
 
-MISSING = "an effect is missing (`smallwheel diagnose`), or a zero is off"
+MISSING = "an effect is missing, or a zero is off"
 _STOPPED = [
     "its n is at its bound: over these runs depth rises with load less than in any one soil, as where soils "
     "are mixed"
@@ -86,7 +86,7 @@ def lone_soils(data: Measurements) -> list[str]:
 
 
 def left_out(points: Points, outliers: Index) -> Reasons:
-    """Lines of rows that are in no error, with the reason.
+    """Lines of the rows that no error includes, with the reason.
 
     Parameters
     ----------

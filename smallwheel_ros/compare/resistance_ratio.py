@@ -19,7 +19,7 @@ _POINTS = 60
 
 @dataclass(frozen=True)
 class ResistanceRatio:
-    """Compaction alone puts every point on the line of its n, whatever k and m are.
+    """Measured resistance over load, and the lines that compaction alone would give whatever k and m are.
 
     rows: of the table; x, y: their coordinates; soil: its name. line_x, lines: the lines of compaction,
     by n.
@@ -34,7 +34,7 @@ class ResistanceRatio:
 
 
 def resistance_ratio(measurements: Measurements) -> ResistanceRatio | None:
-    """The check; None where sinkage and resistance were not measured together."""
+    """Compare resistance with compaction alone; None where it was not measured together with sinkage."""
     if not {"sinkage", "resistance"} <= set(measurements.channels):
         return None
     conditions = measurements.conditions

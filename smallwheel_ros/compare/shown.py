@@ -36,7 +36,7 @@ _SHOWN_LINES = 20
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
-    """The comparison in the form above, ready for json.dump(..., allow_nan=False)."""
+    """The comparison in the form that the module's docstring gives, for json.dump(..., allow_nan=False)."""
     data = comparison.measurements
     return {
         "schema": 1,

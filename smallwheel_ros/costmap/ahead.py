@@ -25,7 +25,7 @@ class GroundAhead:
     Parameters
     ----------
     prior
-        The most that any ground gives, as believed before driving; None if unknown.
+        Largest pull over load of any ground, as believed before driving; None if unknown.
     names, reference_slip
         Names of terrain classes by number, and the slip at which margins are defined. Classes in
         `PRIORS` have a margin before any wheel is on them.
@@ -37,7 +37,7 @@ class GroundAhead:
     class_grid, elevation
         The newest grid of terrain classes, and the newest slopes.
     most
-        The most that ground like the present one gives; `prior` before the vehicle has driven.
+        Largest pull over load of ground like the present one; `prior` before the vehicle has driven.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class GroundAhead:
         frame
             Frame of the place.
         x, y
-            m.
+            The place, m.
 
         Returns
         -------

@@ -44,13 +44,13 @@ _EXACT = 1e-9  # standard deviation of a margin that is given as exact
 def falls_short(
     margin: Numbers | float, deviation: Numbers | float, required: float | Numbers
 ) -> Numbers:
-    """Probability that ground does not give what is required at any slip; NaN where NaN.
+    """Probability that ground does not give the required pull at any slip; NaN where an argument is.
 
     Parameters
     ----------
     margin, deviation
-        The most that it gives over load (1), and its standard deviation; of any one shape. Single
-        precision is kept.
+        Largest pull over load that the ground gives at any slip (1), and its standard deviation; of any one
+        shape. Single precision is kept.
     required
         Pull over load, 1.
 
@@ -85,11 +85,12 @@ class CostRules:
         Parameters
         ----------
         margin
-            The most that the ground gives over the load, minus the slope, 1.
+            Largest pull over load that the ground gives at any slip, minus the slope, 1.
         deviation
-            Its standard deviation.
+            Standard deviation of the margin, 1.
         shown
-            The least that it has shown to give, minus the slope; 1; minus infinity if it has shown nothing.
+            Pull over load that the ground gave at least when it was crossed, minus the slope, 1; minus
+            infinity if it was not crossed.
 
         Returns
         -------
@@ -113,7 +114,7 @@ class CostRules:
         Parameters
         ----------
         margin, deviation
-            Of any shape; see `cost`.
+            See `cost`; of any one shape.
 
         Returns
         -------

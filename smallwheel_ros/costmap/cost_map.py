@@ -50,10 +50,10 @@ class CostMap:
     Parameters
     ----------
     prior
-        The most that any ground gives, as believed before driving (`drive.ground_map.cost_map_of`);
+        Largest pull over load of any ground, as believed before driving (`drive.ground_map.cost_map_of`);
         None if unknown.
     names, reference_slip
-        As of `GroundAhead`.
+        See `GroundAhead`.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class CostMap:
     changed
         Whether there is something to publish: a cell has changed, or the vehicle has moved.
     frame
-        Of positions; empty while unknown.
+        Frame of the positions; empty while unknown.
     reference_slip
         Slip at which margins are defined, 1.
     ahead
@@ -137,16 +137,16 @@ class CostMap:
         frame
             Frame of the pose.
         pose
-            Of base_link.
+            Pose of base_link.
         travel
-            m.
+            Distance that the vehicle has travelled, m.
         margin
-            Of the vehicle there, without the slope; None if unknown.
+            Margin of the vehicle there on the level, that is, without the slope; None if unknown.
         stuck
-            Whether it was seen to make no way there, whatever the margin is. Anything else is an
-            expectation and costs 99 at most, since it drives there.
+            Whether the vehicle was seen to be stuck there, which costs 100 whatever the margin is. Otherwise
+            the cost is 99 at most, since the vehicle does drive there.
         beyond
-            Gain from the reference slip to the slip at which the vehicle makes no way, 1.
+            Gain of the margin from the reference slip to the slip at which the vehicle no longer moves, 1.
         risk
             Probability of getting stuck, 0 to 1, by the warning; 0 without a warning.
         slope
@@ -154,12 +154,12 @@ class CostMap:
         demand
             Pull over load that is required there in the direction of travel, 1; NaN if unknown.
         shown
-            Margin that the ground there has shown to have, 1: what it gave when it was crossed.
+            Lower limit of the margin there, 1: the pull over load that the ground gave when it was crossed.
         course
-            rad, by which the vehicle goes to the left of its heading.
+            Direction of travel to the left of the heading, rad.
         measured
-            Whether the margin was measured on that ground; from any ground's margin a terrain class with a
-            prior of its own learns nothing.
+            Whether the margin was measured on that ground. If it is only that of any ground, a terrain class
+            that has a prior of its own is not updated by it.
         """
         self._enter(frame)
         moved = self._ground.follow(pose.x, pose.y)

@@ -67,7 +67,7 @@ class Outline:
         Parameters
         ----------
         pose
-            Of base_link.
+            Pose of base_link.
         wheel
             The wheel.
         course
@@ -103,9 +103,9 @@ class Outline:
         Parameters
         ----------
         pose
-            Of base_link.
+            Pose of base_link.
         x, y
-            Of the places, m, any shape.
+            Places, m, any shape.
 
         Returns
         -------
@@ -124,7 +124,7 @@ def side_of(size: float, resolution: float) -> int:
     Parameters
     ----------
     size, resolution
-        m.
+        Side of the window, and of a cell, m.
 
     Raises
     ------
@@ -201,7 +201,7 @@ class CrossedGround:
         Parameters
         ----------
         x, y
-            m.
+            The place, m.
 
         Returns
         -------
@@ -243,7 +243,7 @@ class CrossedGround:
         across
             The vehicle's width at the wheel's axle, and the wheel's own.
         travel
-            Of the vehicle, m.
+            Distance that the vehicle has travelled, m.
         cost
             -1 to 100.
         mark

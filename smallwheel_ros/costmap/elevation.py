@@ -43,7 +43,7 @@ class Elevation:
     Attributes
     ----------
     frame, resolution, origin
-        As of a `Grid`.
+        As in a `Grid`.
     slope, deviation
         Tangent of the steepest direction, and its standard deviation; shape (rows along y, columns
         along x), NaN where they are not known.
@@ -69,9 +69,9 @@ def elevation_from(message: Any, layer: str, length: float, names: Sequence[str]
     layer
         Name of the layer of elevations, m.
     length
-        Of the vehicle, m.
+        Length of the vehicle, m.
     names
-        Of terrain classes: layers of such a name are probabilities.
+        Names of terrain classes: layers of such a name are probabilities.
 
     Raises
     ------

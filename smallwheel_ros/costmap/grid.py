@@ -55,7 +55,7 @@ class Pose(NamedTuple):
         Parameters
         ----------
         ahead, left
-            m, any shape.
+            The point, m, any shape.
 
         Returns
         -------
@@ -124,7 +124,7 @@ class Grid:
         Parameters
         ----------
         x, y
-            m.
+            The place, m.
 
         Returns
         -------
@@ -144,7 +144,7 @@ class Grid:
         x, y
             The place, m.
         reach
-            m.
+            Distance, m.
         """
         rows, columns = (
             slice(
@@ -209,7 +209,7 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
     above
         The upper grid.
     pose
-        Of the upper grid's frame in the lower one's.
+        Pose of the upper grid's frame in the lower one's.
     """
     above = _known_part(above)
     if pose.heading == 0.0 and above.resolution >= costs.resolution:

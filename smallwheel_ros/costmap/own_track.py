@@ -42,7 +42,7 @@ class OwnTrack:
         Parameters
         ----------
         last, pose
-            Of base_link, before and now.
+            Pose of base_link before, and now.
         home
             Cost of the cells on the way back, 0 to 100.
         """
@@ -72,9 +72,9 @@ class OwnTrack:
         costs
             Grid to change.
         pose
-            Of the track's frame in that of the costs.
+            Pose of the track's frame in that of the costs.
         free
-            What costs up to this is 0.
+            Cost up to which the way back counts as free (0).
         """
         homes, cells = (one[: len(self._numbers)] for one in (self._homes, self._cells))
         # The dearest last: of several that are written to one cell, the last one stays.

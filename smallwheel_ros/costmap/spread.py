@@ -77,7 +77,7 @@ def wide(grid: Grid, reach: float) -> Grid:
     grid
         The grid.
     reach
-        m.
+        Distance over which costs are spread, m.
     """
     more = math.ceil(reach / grid.resolution)
     cells = np.pad(grid.cells, more, constant_values=UNKNOWN)

@@ -174,7 +174,7 @@ class TerrainClasses:
     Parameters
     ----------
     apart
-        Places of one wheel nearer than this (m) count once.
+        Places of one wheel that are nearer to each other than this count once, m.
     priors
         What is believed of classes before they are crossed, by number.
     """
@@ -256,7 +256,7 @@ class TerrainClasses:
         return {terrain: met.margin for terrain, met in self._expected().items()}
 
     def most(self) -> dict[int, Quantity]:
-        """The most that such a place gives."""
+        """Largest margin at any slip to expect at a new place of each class."""
         return {terrain: met.most for terrain, met in self._expected().items()}
 
     def _expected(self) -> dict[int, Met]:
@@ -277,7 +277,7 @@ class TerrainClasses:
     def table(self, other: Quantity | None = None) -> Cells:
         """Cost of each class number, shape (256,), indexed by the int8's byte.
 
-        other: the most that classes of which nothing is known give; None: they have no cost.
+        other: largest margin to expect of classes of which nothing is known; None: they have no cost.
         """
         table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
         if other is not None:
@@ -296,7 +296,7 @@ class TerrainClasses:
         classes
             Class numbers.
         other
-            The most that unknown classes give; None: they stay unknown.
+            Largest margin to expect of unknown classes; None: they stay unknown.
         """
         # By the bytes: numpy would make a number of eight bytes of each first.
         found = classes.cells.tobytes().translate(self.table(other).tobytes())

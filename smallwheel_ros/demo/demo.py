@@ -57,9 +57,9 @@ def run_demo(
     Parameters
     ----------
     folder
-        For all files; those of an earlier run are replaced.
+        Folder for all files; those of an earlier run are replaced.
     seed
-        Of the simulated drive.
+        Seed of the simulated drive.
     distance
         m before the slope that ends the drive.
     rate
@@ -158,7 +158,7 @@ def recorded(
     parameters
         The node's parameter files; later ones take precedence.
     folder
-        For the node's log.
+        Folder for the node's log.
     rate
         Largest factor on real time.
     overrides

@@ -53,7 +53,7 @@ class BadRun:
     Attributes
     ----------
     rows
-        Of the table.
+        Its rows of the table, shape (rows,).
     deviations
         How far off it is, in robust deviations of `channel`.
     against
@@ -82,7 +82,7 @@ def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The base, fitted.
     """

@@ -56,24 +56,24 @@ _ONE_RANK = 0.01  # of a column's range
 
 @dataclass(frozen=True)
 class Competitor:
-    """One law that could be missing.
+    """One effect, instrument fault or curve that the model may lack.
 
     Attributes
     ----------
     family
-        The physical idea; its forms share it.
+        Id of the effect, which all its forms share.
     effect
-        Of the library; None for a curve.
+        The effect of the library; None for a curve.
     geometry
-        The contact rule that comes with it.
+        Contact rule that it brings; None: the model's stays.
     replaces
         Whether the model has another law of the family, which it replaces.
     stage, span
-        Of a curve.
+        Where a curve acts, and the setting that it follows; empty and None for an effect of the library.
     stands_for
         Stages of effects of which the curve is the most general form.
     share
-        Prior odds against its absence.
+        Prior odds of the competitor being missing, against nothing missing.
     """
 
     family: str
@@ -182,7 +182,7 @@ def field_of(
     model
         The base model.
     registry
-        Of effects.
+        Registry of effects.
     without
         Families that do not take part.
     """

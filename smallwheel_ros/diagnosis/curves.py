@@ -207,12 +207,12 @@ def spans_of(column: str, values: Array) -> list[CurveSpan]:
 
 
 def distinct(values: Array, span: CurveSpan) -> int:
-    """Largest number of terms of a curve: settings in a span that differ by over a hundredth of it.
+    """Largest number of terms that a curve over a span can have, by the number of different settings in it.
 
     Parameters
     ----------
     values
-        Of the setting, shape (rows,), SI.
+        Values of the setting, shape (rows,), SI.
     span
         The span.
     """
@@ -237,7 +237,7 @@ def curve_shown(
     span
         Its span.
     values
-        Of the setting, where it was measured, shape (rows,), SI.
+        Values of the setting, where it was measured, shape (rows,), SI.
     fit
         A fit with the curve.
 

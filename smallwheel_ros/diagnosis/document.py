@@ -114,7 +114,7 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
     verdict
         What was decided.
     seed
-        Of the test of where the base fails.
+        Seed of the test of where the base fails.
     """
     problem, found, told = evidence.problem, evidence.found, evidence.told
     judged, measurements = problem.judged, problem.points.measurements
@@ -390,7 +390,7 @@ def failing_settings(
     Parameters
     ----------
     document
-        Of the diagnosis.
+        Document of the diagnosis.
     settings
         Names of the table's settings.
 

@@ -49,7 +49,7 @@ class Witness:
     evidence
         ln evidence with it minus that without it, nats.
     probability
-        Of the fault, from pull and torque alone.
+        Probability of the fault, from pull and torque alone.
     base, errors
         The model without it, and its held-out errors.
     """
@@ -88,7 +88,7 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
     problem
         The table and the base model.
     registry
-        Of effects.
+        Registry of effects.
     without
         Ids of effects that do not take part.
 
@@ -143,7 +143,7 @@ def _as_measured(points: Points) -> Points:
 
 
 def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, EffectPart, float] | None:
-    """One fault under its prior and as it is told, and its evidence; None where it cannot be fitted."""
+    """One fault, before and after pull and torque, with its evidence; None where it cannot be fitted."""
     (known,) = effect.parameters()
     prior = instrument_prior(known, 1.0)
     plain = part_of(effect, {known.name: prior})

@@ -63,7 +63,7 @@ class HeldOut:
     worse
         Channels whose error rises with what is named.
     forces
-        Those of pull and torque, which do not decide.
+        Those of these channels that are pull or torque, which do not decide.
     rivals_help
         Whether an error falls with one of the rivals; true if there are none.
     besides
@@ -83,7 +83,7 @@ class HeldOut:
 
 
 def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
-    """Held-out errors of the base, and after each name that the probabilities give.
+    """Held-out errors of the base, and of the model after each effect that the probabilities name.
 
     A name that helps no channel is removed, and the errors of the others are computed without it.
 
@@ -215,7 +215,7 @@ def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
 
 
 def kept(choose: Choose) -> Choose:
-    """The same function, computed once for each set of runs."""
+    """Wrap a function of training points so that it is computed only once for each set of runs."""
     made: dict[bytes, Sequence[Fit]] = {}
 
     def known(training: Points) -> Sequence[Fit]:
@@ -320,7 +320,7 @@ def errors_alone(
     held
         Errors of the steps; a family that is the first step has that step's error.
     probabilities
-        By family, 0 to 1.
+        Probability of each family, 0 to 1.
     """
     known = {step.added: step.errors for step in held.steps[1:2] if step.added is not None}
     families = sorted(found.field.kinds, key=lambda f: -probabilities.get(f, 0.0))

@@ -81,14 +81,14 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
 
     Returns
     -------
     dict of LackOfFit
-        By channel; only channels with settings that several runs repeat.
+        Result for each channel that has settings which several runs repeat.
     """
     points, found = fitter.points, {}
     share = (points.value - fit.predicted) / fitter.level
@@ -119,7 +119,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
 
 @dataclass(frozen=True)
 class Plateau:
-    """The largest values of a channel, if they lie closer together than scatter allows."""
+    """How close together the largest values of a channel lie. p: chance of values that lie so close."""
 
     count: int
     value: float
@@ -128,7 +128,7 @@ class Plateau:
 
 
 def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
-    """How close together the largest values of each positive channel are: a saturated sensor repeats one.
+    """How close together the largest values of each positive channel lie, as those of a saturated sensor do.
 
     The statistic is the largest of -ln(variance of ln y over the k largest values), k up to half of
     them, each standardised; its distribution comes from data drawn from the fit with its scatter,
@@ -137,14 +137,14 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
 
     Returns
     -------
     dict of Plateau
-        By channel.
+        Result for each positive channel.
     """
     points, found = fitter.points, {}
     deviation = np.sqrt(np.diag(fitter.covariance(fit).matrix))
@@ -183,9 +183,9 @@ class Misfit:
     Attributes
     ----------
     lack_of_fit, plateaus
-        By channel.
+        Results of `lack_of_fit` and `plateaus`, by channel.
     scatter
-        Deviation of each component.
+        Deviation of each variance component of that model.
     mixed
         Components of scatter that show runs of more than one soil (`_mixed`).
     """
@@ -256,7 +256,7 @@ def where_it_fails(
     level
         Size of each value, shape (values,), m, N or N m.
     seed
-        Of the random signs.
+        Seed of the random signs.
     certain
         Whether the model fails somewhere for certain; then the worst cut is given even if few runs
         cannot confirm it.
@@ -407,7 +407,7 @@ def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
 

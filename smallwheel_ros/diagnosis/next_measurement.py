@@ -48,7 +48,7 @@ class Proposal:
     Attributes
     ----------
     settings
-        SI.
+        Settings of the runs by name, SI.
     separates
         The two names that the runs separate.
     expected_power
@@ -94,7 +94,7 @@ class Runs:
         points
             The points.
         limits
-            By setting (SI), the levels that the user can set.
+            Levels that the user can set, SI, by setting.
         """
         columns, conditions = independent(points), points.conditions
         settable = [n for n in columns if n != points.order]  # a time is not set
@@ -136,13 +136,13 @@ def propose(
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     runs
         Possible runs.
     first, second
         Fits of the two models.
     names
-        What they are called.
+        Names of the two models.
     hint
         How to check one of them, in a sentence.
 
@@ -201,7 +201,7 @@ def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]
     verdict
         What is named, and its rivals.
     limits
-        By setting (SI), the levels that the user can set.
+        Levels that the user can set, SI, by setting.
     """
     ordered = found.ordered
     first = ordered[0] if verdict.word != "missing_effect" else verdict.best

@@ -52,9 +52,9 @@ class Start:
     without
         Ids of those that do not.
     limits
-        By setting (SI), the levels that the user can set.
+        Levels that the user can set, SI, by setting.
     seed
-        Of the simulations, or of permutations and folds.
+        Seed of the simulations, or of permutations and folds.
     """
 
     measurements: Measurements
@@ -86,9 +86,9 @@ def start_of(
     without
         Ids of effects that do not take part.
     can
-        By setting, levels that the user can set.
+        Levels that the user can set, by setting.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
     """
     known = registry_of(effects)
     base = Base() if model is None else model
@@ -100,14 +100,14 @@ def start_of(
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Result, shown="views.diagnosis"):
-    """A diagnosis.
+    """Result of a diagnosis: the verdict, the evidence, and what follows from them.
 
     Attributes
     ----------
     document
         The content of the JSON, computed from all the rest.
     evidence, search, decision, steps
-        None, or empty for steps, if the data is insufficient.
+        What was collected and decided; None, or empty for steps, if the data is insufficient.
     following
         Commands that continue from it, as `diagnosis.text` takes them; None if no command made it.
     """

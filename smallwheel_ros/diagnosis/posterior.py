@@ -52,7 +52,7 @@ class Posterior:
     closest
         Names that describe the data best, though not well enough.
     probabilities
-        Of each family.
+        Probability of each family, 0 to 1.
     best
         The model with laws of the library for what is named; else the most probable one.
     ties

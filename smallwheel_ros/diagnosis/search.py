@@ -71,7 +71,7 @@ def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreCo
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit that is tested.
     competitor
@@ -136,7 +136,7 @@ class Screen:
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
 
     def testability(self) -> list[float]:
-        """How far each column's prior scale moves the predictions, in squared deviations."""
+        """By how much each column moves the predictions at its prior's scale, in squared deviations."""
         size = np.sum(self._white**2, axis=0)
         return [float(size[place].max()) for place in self._places]
 
@@ -233,13 +233,13 @@ def refit(
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     near
         The model to start from.
     put_in
         Competitor to add.
     start
-        Its first parameters, shape (parameters of it,); its own start if not given.
+        Parameters of `put_in` to start from, shape (its parameters,); its own start if not given.
     out
         Competitor to remove.
     turns
@@ -282,7 +282,7 @@ class Search:
     p_drawn
         Probability of so much evidence for missing effects if none is missing, by simulation.
     p_values
-        By family, compared with the largest of all families.
+        p value of each family, against the largest statistic of all families.
     screen
         At the base.
     """
@@ -392,7 +392,7 @@ class Search:
         put_in
             Competitor to add.
         start
-            Its first parameters, shape (parameters of it,); its own start if not given.
+            Parameters of `put_in` to start from, shape (its parameters,); its own start if not given.
         out
             Competitor to remove.
 
@@ -419,13 +419,13 @@ def search(
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     base
         The base, fitted.
     field
         The competitors.
     seed
-        Of the random numbers of the score test.
+        Seed of the random numbers of the score test.
     most
         Most effects in a model; with 0 only the p value of the score test is found.
     """

@@ -62,7 +62,7 @@ class Evidence:
     Attributes
     ----------
     problem
-        Without the bad runs, and with the fault `told` in its base.
+        The table without bad runs, and the base model, which includes the fault `told`.
     bad
         Runs that are left out.
     first
@@ -97,7 +97,7 @@ class Verdict:
     closest
         Names that describe the data best, though not well enough.
     probabilities
-        Of each family.
+        Probability of each family, 0 to 1.
     best
         The model that explains the data best, with laws of the library only if they suffice.
     steps

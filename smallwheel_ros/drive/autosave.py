@@ -42,7 +42,7 @@ class Autosave:
         Parameters
         ----------
         pipeline, cost_map
-            Whose soil, and what map, are to be saved.
+            Pipeline whose soil is saved, and the cost map that is saved with it.
         """
         if self._busy is not None:
             return
@@ -64,7 +64,7 @@ class Autosave:
         Parameters
         ----------
         pipeline, cost_map
-            Whose soil, and what map, are to be saved.
+            Pipeline whose soil is saved, and the cost map that is saved with it.
         """
         self._take_result()
         self.begin(pipeline, cost_map)

@@ -40,7 +40,7 @@ class AheadInputs:
         return {name: one for name, one in found.items() if name}
 
     def take_classes(self, message: Any) -> bool:
-        """Take a grid of terrain classes (nav_msgs/OccupancyGrid)."""
+        """Take a grid of terrain classes (nav_msgs/OccupancyGrid); return whether it is a valid one."""
         self.grids += 1
         topic = self._settings.terrain_classes_topic
         try:
@@ -53,7 +53,7 @@ class AheadInputs:
         return True
 
     def take_elevation(self, message: Any) -> bool:
-        """Take a map of elevations (grid_map_msgs/GridMap)."""
+        """Take a map of elevations (grid_map_msgs/GridMap); return whether it is a valid one."""
         self.elevations += 1
         settings, length = self._settings, self._map.outline.length
         topic, names = settings.elevation_topic, settings.terrain.names or ()

@@ -113,7 +113,7 @@ class GroundMapper:
 
         Every margin counts, with its deviation: before, or without, a measured sinkage it is based on
         balance and torque, or on the prior. A cell is unknown where the measured sinkage did not fit. A
-        vehicle is stuck if it surely makes no way though its rims turn, or if a wheel was measured to be as
+        vehicle is stuck if it surely does not move though its rims turn, or if a wheel was measured to be as
         deep as its axle; a wheel that only the soil's law puts so deep is expected to get stuck.
 
         Parameters

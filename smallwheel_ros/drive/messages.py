@@ -56,7 +56,7 @@ def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]
     estimates
         Rows of one turn.
     pipeline
-        The one that gave them: names of wheels, and words about its soil.
+        Pipeline that computed them; it has the names of the wheels, and words about its soil.
     """
     names = [wheel.name for wheel in pipeline.settings.wheels]
     found: dict[str, Any] = {
@@ -88,7 +88,7 @@ def status_texts(estimates: Estimates, pipeline: Pipeline) -> list[str]:
     estimates
         Rows of one turn.
     pipeline
-        The one that gave them.
+        Pipeline that computed them.
     """
     texts: dict[tuple[int, int], str] = {}
     found = []
@@ -172,7 +172,7 @@ def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
     Parameters
     ----------
     soil
-        As it is believed now.
+        The present estimate of the soil.
     rejected
         How many measurements were not used, for any reason.
     """

@@ -115,9 +115,9 @@ class SoilFile:
         Parameters
         ----------
         pipeline
-            Whose soil is saved.
+            Pipeline whose soil is saved.
         cost_map
-            Saved beside it where it has any cell.
+            Cost map; it is saved with the soil if it has any cell.
 
         Raises
         ------

@@ -39,7 +39,7 @@ def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
     Parameters
     ----------
     pipeline
-        Whose findings and alarms are reported.
+        Pipeline whose findings and alarms are reported.
     newest
         The newest row of each wheel.
     """

@@ -279,7 +279,7 @@ class Effect:
         Parameters
         ----------
         name
-            Of the column.
+            Name of the column.
         conditions
             Settings, SI units.
         """
@@ -335,9 +335,10 @@ Form = TypeVar("Form", bound=type[Effect])
 
 
 def partly_dug(form: Form) -> Form:
-    """Variant of a form of which a share c of the growth (in ln) costs compaction: all at 1, none at 0.
+    """A variant of a form in which only a share c of the added sinkage (in ln) adds compaction resistance.
 
-    It belongs to the module of the form that it was made from.
+    c is fitted: at 1 all of it does, at 0 none. The new class is placed in the module of the form that it
+    varies.
     """
 
     def compaction_sinkage(self: Any, sinkage: Array, conditions: Conditions) -> Array:

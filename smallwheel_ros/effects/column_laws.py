@@ -34,7 +34,7 @@ class ColumnLaw(Effect):
 
     @classmethod
     def known(cls, conditions: Conditions) -> Array:
-        """The column's values without blanks."""
+        """The values of the column, without blanks."""
         values = cls.column(conditions)
         return np.asarray(values[np.isfinite(values)])
 

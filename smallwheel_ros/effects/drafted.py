@@ -30,7 +30,7 @@ def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high
     Parameters
     ----------
     function
-        Of the driver, shape (rows,) to (rows,).
+        Takes values of the driver, shape (rows,), and returns the same shape.
     u
         The driver's values, shape (rows,).
     low, high

@@ -125,9 +125,9 @@ class Registry(Mapping[str, type[Effect]]):
         Parameters
         ----------
         id
-            Of the effect.
+            Id of the effect.
         form
-            Of the form; None: the default one.
+            Name of the form; None: the default one.
 
         Raises
         ------
@@ -397,7 +397,7 @@ def effect_class(
     family
         The effect's id.
     form
-        Of the form; None: the default one.
+        Name of the form; None: the default one.
     user
         Effects of the user's own, in addition to those of the package.
     """

@@ -253,7 +253,8 @@ class Fitter:
     Attributes
     ----------
     level
-        L of `variance`, shape (values,); the same for all fits, so that their evidence can be compared.
+        Size of each value (L in the module `variance`), shape (values,); the same for all fits, so that their
+        evidence can be compared.
     law
         Predicts the points; the model itself if None.
     working
@@ -357,7 +358,7 @@ class Fitter:
         fit
             The fit.
         scatter
-            Its `true_scatter`.
+            Variance components: `Fitter.true_scatter`.
 
         Returns
         -------
@@ -419,7 +420,7 @@ class Fitter:
         Returns
         -------
         Fit
-            Without evidence and covariance yet.
+            The model at these parameters, without evidence and covariance yet.
 
         Raises
         ------

@@ -107,9 +107,9 @@ class CvErrors:
         Parameters
         ----------
         values
-            Of the chosen rows, shape (chosen,).
+            Values in the chosen rows, shape (chosen,).
         rows
-            Which rows are chosen, shape (rows,).
+            Mask of the chosen rows, shape (rows,).
 
         Returns
         -------
@@ -282,7 +282,7 @@ def cross_validate(
     steps
         Number of models.
     fold
-        Of each value, shape (values,); `folds_of` the runs if not given.
+        Fold of each value, shape (values,); `folds_of` the runs if not given.
     known
         Soils known beforehand; another soil without training rows in a fold gets the middle of those
         with training rows. None: all are known.

@@ -38,11 +38,11 @@ def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
     scatter
-        Its `true_scatter`.
+        Variance components: `Fitter.true_scatter`.
     """
     points = fitter.points
     return Measured(

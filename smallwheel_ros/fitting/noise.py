@@ -61,7 +61,7 @@ def _columns(conditions: Conditions) -> Array:
 class NoiseLine:
     """A fitted regression.
 
-    own: ln value of each soil at zero. used: columns of the settings; slopes: one for each.
+    own: intercept of each soil, ln of the value. used: columns of the settings; slopes: one for each column.
     """
 
     soils: tuple[str, ...]
@@ -80,7 +80,7 @@ class NoiseLine:
         row
             Row of the conditions of each value, shape (values,).
         conditions
-            Of the rows.
+            Conditions of the rows.
         """
         columns = _columns(conditions)
         known = np.isfinite(columns).all(axis=0)
@@ -109,7 +109,7 @@ class NoiseLine:
         row
             Row of the conditions of each value, shape (values,).
         conditions
-            Of the rows.
+            Conditions of the rows.
 
         Returns
         -------
@@ -127,7 +127,7 @@ class NoiseLine:
         return float(self.slopes[place]), float(np.sqrt(variance[1 + place, 1 + place]))
 
     def at(self, conditions: Conditions) -> Array:
-        """Value of the regression, shape (rows,); for a soil that it lacks, the mean of those it has."""
+        """Values by the regression, shape (rows,); a soil that it has not met has the mean intercept."""
         own = np.full(len(conditions), self.own.mean())
         if conditions.soil is not None:
             for name, level in zip(self.soils, self.own, strict=True):
@@ -141,7 +141,7 @@ def of_load(conditions: Conditions, channel: str) -> Array:
     Parameters
     ----------
     conditions
-        Of the rows.
+        Conditions of the rows.
     channel
         `torque`, or one in N.
 

@@ -61,7 +61,7 @@ class Points:
     swept
         Whether the value is part of a run in which a setting was changed.
     rows
-        Of each value, the rows of `measurements` that it is the mean of.
+        For each value, the rows of `measurements` that it is the mean of.
     declared
         Standard deviation of a row as the table states it; NaN if it does not.
     path

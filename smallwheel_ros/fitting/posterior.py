@@ -25,7 +25,7 @@ _NO_LESS = 1.05  # of a deviation: as well known, for any use
 
 
 def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -> Array:
-    """C of the module's docstring.
+    """Sandwich covariance of the parameters (C in the module's docstring).
 
     Parameters
     ----------
@@ -62,18 +62,18 @@ def over_scatter(
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
     scatter
-        Its `true_scatter`.
+        Variance components: `Fitter.true_scatter`.
     of
         The function.
 
     Returns
     -------
     ndarray
-        In the function's own shape.
+        Mean of the function, in its own shape.
     """
     total = middle = of(scatter)
     for column in _NODE * np.linalg.cholesky(fitter.scatter_covariance(fit, scatter)).T:
@@ -93,11 +93,11 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
     scatter
-        Its `true_scatter`.
+        Variance components: `Fitter.true_scatter`.
 
     Returns
     -------
@@ -127,9 +127,9 @@ def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
     Parameters
     ----------
     fitter
-        One that keeps pull and torque apart.
+        A fitter that keeps pull and torque apart (`Fitter.apart`).
     fit
-        Its fit.
+        The fit by that fitter.
     """
     exponents = [j for j, p in enumerate(fit.vector.of_soils) if p.field == "n"]
     variance = fitter.true_variance.covariance(fitter.true_scatter(fit), fit.stiffness).matrix

@@ -57,18 +57,19 @@ class Base:
     Attributes
     ----------
     effects
-        In the model, and not fitted.
+        Effects that are in the model and not fitted.
     parts
         Effects that are fitted.
     soils
         Soils to start from, by name.
     priors
-        Of soils known beforehand.
+        Priors of soils known beforehand.
     fixed_m
         m of every soil, held (0 is the law of Bernstein and Goriatchkin); None fits it where bodies of
         several diameters met the soil.
     told
-        For fits without pull and torque: parts whose prior includes what these two show, by id.
+        By id of an effect, the part that replaces it in fits without pull and torque: its prior includes what
+        these two show.
     notes
         What the given model has that this one lacks.
     """
@@ -215,7 +216,7 @@ def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str,
     Returns
     -------
     dict
-        By soil; empty where the model was fitted to this very data, or states no deviations.
+        Prior of each soil; empty where the model was fitted to this very data, or states no deviations.
     """
     if not known.names or _fitted_to(known, measurements):
         return {}
@@ -462,7 +463,7 @@ class Problem:
 
     @cached_property
     def judged(self) -> Problem:
-        """`deciding`, with values weighted as evidence."""
+        """The problem by which effects are judged: `deciding`, with values weighted as evidence."""
         found = self.deciding
         if found.judging or not found.points.share_errors:
             return found
@@ -474,7 +475,7 @@ class Problem:
         Parameters
         ----------
         fit
-            Of the judged model.
+            Fit of the judged model.
         training
             A fold's training points; all points if not given.
         """

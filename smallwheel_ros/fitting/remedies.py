@@ -42,7 +42,7 @@ def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
     points
         The points.
     scatter
-        Their variance components.
+        Variance components of the points.
     """
     if number == "n":
         return _for_n(points, scatter)

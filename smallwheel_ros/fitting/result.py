@@ -65,8 +65,8 @@ class FitResult(WithParameters, Result, shown="views.fit"):
     measurements
         The data of the fit.
     names, covariance
-        Of the parameters that the data influences, in the numbers that the fit uses (`parameters`), shape
-        (parameters,) and (parameters, parameters).
+        Names and covariance of the parameters that the data influences, in the numbers that the fit uses
+        (`parameters`), shape (parameters,) and (parameters, parameters).
     noise
         Repeatability of one row, by channel.
     run_scatter
@@ -211,14 +211,14 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
 
     Returns
     -------
     dict
-        By channel, m, N or N m.
+        Error of each channel, m, N or N m.
     """
     deviations, found = fit.scatter.deviations, {}
     for name in fitter.points.channels:
@@ -243,9 +243,9 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     scatter
-        Its `true_scatter`.
+        Variance components: `Fitter.true_scatter`.
 
     Returns
     -------
@@ -257,7 +257,7 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
 
 
 def runs_differ(scatter: Mapping[str, float]) -> str:
-    """Say that runs differ more than those of one soil do, and what to do.
+    """Say that runs differ more than those of one soil do, and what to do; empty if they do not.
 
     scatter: the components that `unusual` returned.
     """
@@ -276,7 +276,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
     outliers
@@ -378,9 +378,7 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
         if p.status in said
     ]
     if apart := runs_differ(scatter):
-        notes.append(
-            f"{apart}, record what else differs, or see what is missing (`smallwheel diagnose`)"
-        )
+        notes.append(f"{apart}, or record what else differs")
     for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _ALIKE, -1)):
         notes.append(
             f"{found.names[b]} and {found.names[a]} are tied (correlation {found.correlation[a, b]:.3f}): "
@@ -399,21 +397,21 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
 
 
 def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, bool]:
-    """How far off pull or torque is, and whether that is more than its law usually is.
+    """How far off a model's pull or torque is, and whether that is more than such a law usually is.
 
     Parameters
     ----------
     error
         Measured less predicted, shape (rows,), N or N m; NaN where not measured.
     conditions
-        Of the rows.
+        Conditions of the rows.
     channel
         The channel.
 
     Returns
     -------
     text, is_far : str, bool
-        In words, as shares of the load.
+        The errors in words, as shares of the load; whether they are larger than usual.
     """
     share, known = error / of_load(conditions, channel), np.isfinite(error)
     beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)

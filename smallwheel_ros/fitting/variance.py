@@ -92,7 +92,7 @@ class Scatter:
     log_length: float
 
     def with_those_of(self, other: Scatter) -> Scatter:
-        """The same scatter, with the components that another one has taken from there."""
+        """The scatter, with the deviations of another one for the components that both have."""
         known = dict(zip(other.names, other.log_deviation, strict=True))
         values = [known.get(n, v) for n, v in zip(self.names, self.log_deviation, strict=True)]
         return Scatter(self.names, np.array(values), other.log_length)
@@ -109,9 +109,9 @@ class VarianceModel:
     Attributes
     ----------
     level
-        L, shape (values,).
+        Size of each value, L, shape (values,).
     pure
-        Variance due to the values' rows.
+        Variance of each value due to the repeatability of its rows, shape (values,).
     working
         See `Fitter`.
     law_known
@@ -176,7 +176,7 @@ class VarianceModel:
         return np.asarray(np.tensordot(np.exp(2.0 * log_deviation[mine]), self._unit[mine], 1))
 
     def suited(self, scatter: Scatter) -> Scatter:
-        """The components of these points, with the deviations of another set of points where it has them.
+        """The components of these points, with the deviations that a scatter of other points has for them.
 
         A part of a table may repeat no setting, though the whole does, and then has no lack of fit.
         """
@@ -253,7 +253,7 @@ class VarianceModel:
         start: Scatter,
         held: Collection[str] = (),
     ) -> Scatter:
-        """The components that suit the errors best, by restricted likelihood with priors.
+        """The variance components that fit the errors best, by restricted likelihood with priors.
 
         Parameters
         ----------

@@ -18,7 +18,7 @@ def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
     kind
         The type, such as ``"nav_msgs/msg/Odometry"``.
     namespace
-        Of the robot that the user chose; None for any.
+        Namespace of the robot that the user chose; None for any.
     """
     there = [topic for topic in reader.topics if topic.type == kind]
     if not there:

@@ -85,7 +85,7 @@ def rover_of_bag(
     joint_states
         The topic with the wheels' joints; None to look for it.
     namespace
-        Of the robot to use, if there are several.
+        Namespace of the robot to use, if there are several.
 
     Raises
     ------

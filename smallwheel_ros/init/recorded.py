@@ -43,9 +43,9 @@ class JointSpeeds(NamedTuple):
     Attributes
     ----------
     times
-        s.
+        Times of the instants, s.
     names
-        Of the joints.
+        Names of the joints.
     speeds
         rad/s, (instants, joints), NaN if unknown.
     by_positions
@@ -186,7 +186,7 @@ def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, 
     Parameters
     ----------
     joints, speed
-        Of the same drive.
+        Speeds of the joints and of the odometry, from one drive.
     wheels
         Names of the joints.
     """
@@ -208,7 +208,7 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
     Parameters
     ----------
     joints, speed
-        Of the same drive.
+        Speeds of the joints and of the odometry, from one drive.
     wheels
         Names of the joints that turn wheels.
     """
@@ -222,12 +222,12 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
 
 
 def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float]) -> float:
-    """Ratio of the distance by the joints' rims to the vehicle's; NaN if either is unknown.
+    """Ratio of the distance that the rims travelled to the vehicle's; NaN if either is unknown.
 
     Parameters
     ----------
     joints, speed
-        Of the same drive.
+        Speeds of the joints and of the odometry, from one drive.
     radii
         By joint, its wheel's radius, m.
     """
@@ -240,7 +240,7 @@ def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float])
 
 
 def unit_by_way(times: float, radius: float) -> str:
-    """Unit of the joints' speeds, by the path of their rims; empty if it is rad/s.
+    """Unit of the joints' speeds as the distances of rims and vehicle show it; empty if it is rad/s.
 
     A ratio of 4 would mean a slip of 0.75, which no drive has from end to end.
 
@@ -249,7 +249,7 @@ def unit_by_way(times: float, radius: float) -> str:
     times
         Ratio of the rims' path to the vehicle's, 1.
     radius
-        Of the wheels, m.
+        Radius of the wheels, m.
     """
     if not (times > _FAR or times < 1.0 / _FAR):
         return ""
@@ -259,7 +259,7 @@ def unit_by_way(times: float, radius: float) -> str:
 
 
 def is_of_wheels(share: float | None) -> bool:
-    """Whether an odometry with that share is computed from the wheels."""
+    """Whether an odometry is computed from the wheels, by the share that `unlike_wheels` returned."""
     return share is not None and share < _OF_WHEELS
 
 

@@ -36,11 +36,11 @@ class Rover:
     Attributes
     ----------
     origin
-        What they come from.
+        What the parameters come from, in words.
     values
-        By full name, those of the wheels' names first.
+        Parameters by full name, the wheels' names first.
     notes
-        What was assumed.
+        Sentences on what was assumed.
     described
         Whether a robot description was found.
     offers

@@ -23,7 +23,7 @@ def joints_of(reader: BagReader, topics: list[str]) -> dict[str, list[str]]:
     reader
         The bag.
     topics
-        Of joint states.
+        Topics of type JointState.
     """
     found: dict[str, list[str]] = {}
     for topic in topics:

@@ -44,9 +44,9 @@ class Belief:
         Parameters
         ----------
         depth
-            Of sinkage, m.
+            Sinkage, m.
         diameter
-            Of the body, m.
+            Diameter of the body, m.
         """
         soil = self.known.soil
         deep, wide = np.log([depth / REFERENCE_SINKAGE, diameter / REFERENCE_DIAMETER]).tolist()
@@ -119,7 +119,7 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
     soil
         The soil's name in the model.
     words
-        What the rows are, for people.
+        What the rows are, in words for people.
     """
     try:
         problem = Problem.of(measurements, replace(base, priors={}))
@@ -143,7 +143,7 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
 
 
 def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
-    """Compare at the middle of the depths that both reached, under the second's middle size.
+    """Compare the pressures at the middle of the depths that both reached, under the second's middle size.
 
     Parameters
     ----------

@@ -53,13 +53,13 @@ class LabFit(WithParameters, Result):
     made
         The model; None if only shear was tested and no model was given.
     fit
-        Of load and sinkage; None if only shear was tested.
+        Fit to load and sinkage; None if only shear was tested.
     laws
-        One for each soil whose plates have several sizes.
+        Laws of size of each soil whose plates have several sizes.
     strengths
-        Of each soil that was sheared.
+        Strength of each soil that was sheared.
     source
-        Of the shear tests.
+        Name of the table of shear tests.
     """
 
     made: CalibratedModel | None
@@ -110,7 +110,7 @@ class LabFit(WithParameters, Result):
         return "; ".join(said)
 
     def text(self) -> str:
-        """As `smallwheel fit` prints it."""
+        """The text that `smallwheel fit` prints."""
         parts = [] if self.fit is None else [self.fit.text()]
         parts += [laws_text(laws) for laws in self.laws]
         parts += [sentence(agreement.sentence()) for agreement in self.agreements]
@@ -119,7 +119,7 @@ class LabFit(WithParameters, Result):
         return "\n\n".join(parts)
 
     def to_dict(self) -> dict[str, Any]:
-        """As `smallwheel fit --json` writes it."""
+        """The document that `smallwheel fit --json` writes."""
         found = {"schema": 1} if self.fit is None else self.fit.to_dict()
         more = {
             "plate_laws": [laws_document(laws) for laws in self.laws],

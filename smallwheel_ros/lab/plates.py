@@ -53,7 +53,7 @@ class FittedLaw:
     constants
         As published, units with n and m as letters.
     covariance
-        Of the constants, shape (constants, constants).
+        Covariance of the constants, shape (constants, constants).
     held_out
         Relative error (rms) of the sinkage of a size left out of the fit; None with two sizes.
     by_size, by_depth
@@ -127,7 +127,7 @@ def clearly_less(errors: Array, others: Array) -> bool:
     Parameters
     ----------
     errors, others
-        Over 0, in one unit, shape (cases,).
+        Errors over 0, in one unit, shape (cases,).
     """
     gain = np.log(others / errors)
     error = max(float(gain.std(ddof=1)) / np.sqrt(gain.size), 1e-300)
@@ -135,7 +135,7 @@ def clearly_less(errors: Array, others: Array) -> bool:
 
 
 class UnderLaw(Predictor):
-    """One law of size on points of sinkage, for a `Fitter`. reference: of the law's size, m."""
+    """Predicts points of sinkage by one law of size, for a `Fitter`. reference: the reference size, m."""
 
     def __init__(self, law: PlateLaw, reference: float, points: Points) -> None:
         super().__init__(points.conditions, points.channels, points.channel, points.row)
@@ -162,12 +162,12 @@ class UnderLaw(Predictor):
 
 
 def law_vector(law: PlateLaw, soil: str) -> ParameterVector:
-    """theta of the module's docstring, with its prior.
+    """Parameters of a law of size (theta in the module's docstring), with their prior.
 
     Parameters
     ----------
     law
-        Of plates.
+        Law of size.
     soil
         The soil's name.
     """
@@ -192,7 +192,7 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     Parameters
     ----------
     fitter, fit
-        Of the model on these plates alone; its scatter is that of all laws.
+        The model fitted to these plates alone, and its fitter; all laws are given its scatter.
     soil
         The soil's name.
 
@@ -243,12 +243,12 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
 
 
 def reference_size(law: PlateLaw, points: Points) -> float:
-    """Size (m) at which p_ref is the pressure: that of the model's soil, else the plates' middle.
+    """Size (m) for which p_ref is given: the soils' reference diameter, or else the plates' mean size.
 
     Parameters
     ----------
     law
-        Of plates.
+        Law of size.
     points
         The plates.
     """
@@ -269,7 +269,7 @@ def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
     Parameters
     ----------
     fitter, fit
-        Of all.
+        The model fitted to all values, and its fitter.
     group
         Number of the group of each point, shape (points,).
     """

@@ -162,7 +162,7 @@ def fit_curve(law: ShearForm, curve: ShearCurve) -> RunFit:
     Parameters
     ----------
     law
-        Of stress over displacement.
+        Law of shear stress over displacement.
     curve
         Displacements (m) and stresses (Pa).
     """
@@ -209,7 +209,7 @@ class FittedShearLaw:
     Attributes
     ----------
     names, values, covariance
-        Of c (Pa), tan phi, ln K (m) and, for the peaked law, K_r.
+        Names, values and covariance of c (Pa), tan phi, ln K (m) and, for the peaked law, K_r.
     held_out
         Relative error of a curve whose shape was fitted without it; None with one run.
     scatter
@@ -231,7 +231,7 @@ def fit_law(law: ShearForm, curves: list[ShearCurve]) -> FittedShearLaw:
     Parameters
     ----------
     law
-        Of stress over displacement.
+        Law of shear stress over displacement.
     curves
         One for each run.
     """

@@ -52,9 +52,9 @@ class LabStrength:
     modulus
         K, m.
     covariance
-        Of (c, phi, ln K), shape (3, 3).
+        Covariance of (c, phi, ln K), shape (3, 3).
     parameters
-        The same for people, with c as fitted, even below 0.
+        The parameters for people, with c as fitted, even below 0.
     notes
         What the tests cannot determine.
     """
@@ -284,7 +284,7 @@ def shear_text(fit: ShearFit, strength: LabStrength) -> str:
     Parameters
     ----------
     fit, strength
-        Of the same soil.
+        Both of the same soil.
     """
     runs = fit.plain.runs
     stresses = listed([f"{1e-3 * s:.4g}" for s in normal_stresses(runs)])
@@ -326,7 +326,7 @@ def shear_document(fit: ShearFit, strength: LabStrength) -> dict[str, Any]:
     Parameters
     ----------
     fit, strength
-        Of the same soil.
+        Both of the same soil.
     """
     return {
         "soil": fit.soil,

@@ -35,7 +35,7 @@ _DULL = 0.02  # slope of ln value by ln factor, under which the channel does not
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
-    """The document without `measure_next`, `file` and laws learnt after this one.
+    """The result of a search as plain values, without `measure_next`, `file` and laws learnt after this one.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | Non
     Parameters
     ----------
     fitter
-        The one that fitted the laws.
+        Fitter that fitted the laws.
     best
         The law, with those that fit as well.
     """

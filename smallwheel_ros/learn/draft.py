@@ -48,7 +48,7 @@ def numbers_of(fitter: Fitter, candidate: LawCandidate) -> list[Number]:
     Parameters
     ----------
     fitter
-        The one that fitted it.
+        Fitter that fitted it.
     candidate
         The law and its fit.
     """
@@ -93,7 +93,7 @@ def name_problem(name: str, taken: Collection[str]) -> str:
 
 
 def default_name(law: LearntLaw) -> str:
-    """An id made of what the law depends on: `learnt_slip`."""
+    """An id that names what the law depends on: `learnt_slip`."""
     followed = "_".join(identifier(c) for c in sorted(law.columns)) or law.place.stage.lower()
     return f"learnt_{followed}"
 

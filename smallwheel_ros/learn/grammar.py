@@ -63,7 +63,7 @@ class Shape:
     code
         Python of u and c.
     text
-        The same for people, with {u} and {c}.
+        Formula for people, with {u} and {c}.
     power
         The power of u's unit that its value has (0: dimensionless).
     constant
@@ -141,13 +141,13 @@ class Driver:
     variable
         Its name in that file.
     weight
-        What it counts when drivers are counted.
+        For how many drivers it counts.
     reference
-        Value that is subtracted.
+        Value that is subtracted from it, SI.
     low, high
-        Range after that.
+        Ends of its range after the subtraction, SI.
     middle
-        Median size.
+        Median of its magnitude, SI.
     quantiles
         `_QUANTILES` of its values.
     levels
@@ -201,7 +201,7 @@ class Driver:
         return f"{round(value + self.reference, 1 + _digits(self.span)):.12g}"
 
     def measured_at(self, x: Array) -> Driver:
-        """The driver of points where it has these values, shape (points,)."""
+        """The same driver, with range, middle and quantiles of these values, shape (points,)."""
         low, high = float(x.min()), float(x.max())
         far = low > _FAR * high and self.columns == (self.name,)  # a ratio has its zero at zero
         reference = _at_most(low, high - low) if far else 0.0
@@ -265,7 +265,7 @@ def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]
     points
         The points of the fit.
     sinkage
-        By the base model, m, shape (points,).
+        Sinkage by the base model, m, shape (points,).
     """
     used, found = np.unique(points.row), []
     usable = independent(points)
@@ -310,7 +310,7 @@ class Term:
     constant
         c of the shape in which it is free, else 1.
     bounds
-        Of that c.
+        Bounds of c.
     cost
         Nats needed to describe it, without its place.
     """
@@ -357,12 +357,12 @@ class Term:
         return DEPTH in self.drivers
 
     def of(self, values: Callable[[Driver], Array], constant: ArrayLike | None = None) -> Any:
-        """Its value for given values of the drivers.
+        """The term's value for given values of the drivers.
 
         Parameters
         ----------
         values
-            Gives the values of a driver.
+            Returns the values of a driver.
         constant
             c; its own if None.
         """
@@ -375,7 +375,7 @@ class Term:
         return eval(code, {"np": np, "continued": continued, "c": c, **known})
 
     def at(self, conditions: Conditions, sinkage: Array) -> Array:
-        """Its value at each row, shape (rows,).
+        """The term's value at each row, shape (rows,).
 
         Parameters
         ----------

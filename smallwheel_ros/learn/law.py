@@ -48,9 +48,9 @@ class Place:
     carrier
         What a strength multiplies, for people.
     unit
-        Of the strength.
+        Unit of the strength.
     nats
-        Cost of the place compared with others, since it is the rarer explanation.
+        Nats that the place costs beyond others, as the rarer explanation.
     """
 
     name: str
@@ -110,7 +110,7 @@ def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
 
 @dataclass(frozen=True)
 class LearntLaw:
-    """A place, a link and one or two terms."""
+    """A correction of the model: where it acts, its one or two terms, and the link that forms it."""
 
     place: Place
     link: Link
@@ -149,14 +149,14 @@ class LearntLaw:
         return (*strengths, *constants)
 
     def change(self, numbers: Mapping[str, Any], values: Callable[[Driver], Array]) -> Any:
-        """The factor, or the sum that is added, for given values of the drivers.
+        """The correction (a factor, or a sum that is added) for given values of the drivers.
 
         Parameters
         ----------
         numbers
             a1, a2, ... and c1, c2, ..., by name.
         values
-            Gives the values of a driver.
+            Returns the values of a driver.
         """
         eta: Any = 0.0
         for i, term in enumerate(self.terms, 1):

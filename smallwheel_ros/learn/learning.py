@@ -73,7 +73,7 @@ class Learnt(Result, shown="views.learnt"):
         return headline(self.document)
 
     def to_dict(self) -> dict[str, Any]:
-        """As `smallwheel learn --json` writes it."""
+        """The document that `smallwheel learn --json` writes."""
         return dict(plain(self.document))
 
     def rows(self) -> list[dict[str, Any]]:
@@ -112,7 +112,7 @@ def learnt(
     start
         Measurements, and the model without the law.
     name
-        Id of the law, with `_2` added for a second one; if None, it is made from what the law depends on.
+        Id of the law, with `_2` added for a second one; if None, it names what the law depends on.
     most
         How many laws to learn, each with those before it in the model.
     progress

@@ -42,9 +42,9 @@ class TermGrid:
     Attributes
     ----------
     sinkage
-        Of the base model, m, shape (points,).
+        Sinkage by the base model, m, shape (points,).
     values
-        Of each term, shape (points, terms).
+        Values of each term, shape (points, terms).
     notes
         Why some settings are not drivers.
     """
@@ -160,7 +160,7 @@ class Effort:
     Attributes
     ----------
     first
-        From the base's tangent.
+        Number of laws that are refitted first, from the base's tangent.
     again, forms
         Places that each round searches further, and refitted forms of each.
     seconds
@@ -185,7 +185,7 @@ def first_of_each(items: Iterable[T], key: Callable[[T], Hashable]) -> Iterator[
     Parameters
     ----------
     items
-        Of several kinds.
+        Items of several kinds.
     key
         Gives an item's kind.
     """

@@ -36,7 +36,7 @@ def without_lack_of_fit(scatter: Scatter) -> Scatter:
 
 
 class Yardstick:
-    """Whitens values by V of a fit and sums up errors. count: n, points with all channels.
+    """Whitens values by the covariance V of a fit, and scores errors. count: n, points with all channels.
 
     V excludes the lack of fit over settings, which would treat a law as scatter. rows: of the
     conditions, one for each point.
@@ -55,7 +55,7 @@ class Yardstick:
         self._floor = np.diag(_FLOOR * mean + 1e-9)
 
     def white(self, values: Array) -> Array:
-        """Values or columns of them, with V taken out; shape as given."""
+        """Values, or columns of them, whitened by V; same shape."""
         return self._v.whiten(values)
 
     def by_channel(self, columns: Array) -> Array:
@@ -115,7 +115,7 @@ class Tangent:
         Parameters
         ----------
         slope
-            Of the predictions by the sum of terms, shape (values,).
+            Slope of the predictions by the sum of the terms, shape (values,).
         terms
             Their values, shape (points, terms).
         """

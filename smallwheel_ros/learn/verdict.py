@@ -67,7 +67,7 @@ class JudgedLaw:
     errors
         Held out, of the base and of the folds' laws.
     laws
-        Of the folds.
+        The law that each fold chose; None where it chose none.
     vault
         Number of settings that were kept apart.
     """
@@ -90,7 +90,7 @@ class Sought:
     problem
         All points, and the base without the law.
     p
-        Of the permutations; None if they were not reached.
+        p value of the permutations; None if they were not reached.
     best
         None if there is nothing to judge.
     """
@@ -118,7 +118,7 @@ def seek(
     base
         The model without the law.
     seed
-        Of permutations, folds and what is kept apart.
+        Seed of the permutations, the folds and the choice of what is kept apart.
     progress
         Called with each step in words, the number done, and the number in all (0: unknown).
     """
@@ -234,7 +234,7 @@ def cannot_be_told(law: LearntLaw, measurements: Measurements) -> str:
     Parameters
     ----------
     law
-        The one that fits best.
+        The law that fits best.
     measurements
         The table.
     """
@@ -267,7 +267,7 @@ def chance(search: LawSearch, permutations: int, rng: np.random.Generator) -> fl
     Parameters
     ----------
     search
-        One that has not run, with its base's yardstick.
+        A search that has not run.
     permutations
         Number of permutations.
     rng
@@ -310,7 +310,7 @@ def _permuted(white: Array, points: Points, count: int, rng: np.random.Generator
 
 
 def setting_of(points: Points) -> Index:
-    """Code of what was set at each value, shape (values,).
+    """Code of the setting at each value, shape (values,).
 
     Settings count if they were varied on their own: a load that follows slip does not make two settings
     of one slip, and runs of one slip stay together.
@@ -325,14 +325,14 @@ def setting_of(points: Points) -> Index:
 
 
 def vault_of(points: Points, seed: int) -> NDArray[np.bool_]:
-    """Values that neither search nor folds see, shape (values,): none under `VAULT_FROM` settings.
+    """Mask of the values that neither search nor folds see; none under `VAULT_FROM` settings.
 
     Parameters
     ----------
     points
-        What is fitted to.
+        All points.
     seed
-        Draws the settings.
+        Seed of the choice of settings.
     """
     setting = setting_of(points)
     settings = np.unique(setting)
@@ -356,7 +356,7 @@ def left_out(
     grid
         The grammar at these points.
     seed
-        Draws the folds.
+        Seed of the folds.
     done
         Called after each fold.
     """
@@ -387,9 +387,9 @@ def with_vault(
     Parameters
     ----------
     errors
-        Of the base and of the law, by folds.
+        Held-out errors of the base and of the law, from the folds.
     vault
-        What was kept apart.
+        The points that were kept apart (`vault_of`).
     models
         The base and the law.
     """
@@ -408,9 +408,9 @@ def agreeing(laws: Sequence[LearntLaw | None], law: LearntLaw) -> float:
     Parameters
     ----------
     laws
-        Of the folds; None: a fold found none.
+        The law that each fold chose; None where it chose none.
     law
-        The one of all points.
+        The law that was chosen from all points.
     """
     same = [
         other is not None and other.columns == law.columns
@@ -433,11 +433,11 @@ def judge(
     p
         p value of the permutations, 0 to 1.
     errors, laws
-        Of the base and of the folds' laws.
+        Held-out errors of the base and of the folds' laws, and these laws.
     fitter
-        The one that fitted the draft.
+        Fitter that fitted the draft.
     draft
-        The law fitted to all points, whose scatter is the measure.
+        The law fitted to all points; errors are judged by its scatter.
     """
     fall, z = _gain(errors, fitter, draft.fit)
     against = []

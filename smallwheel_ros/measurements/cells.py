@@ -50,7 +50,7 @@ class CellGrid:
     place
         "line" for a text file, "row" for any other.
     header
-        Names that the file keeps apart from its rows.
+        Column names, where the file keeps them apart from its rows.
     comma
         Whether a comma can only be a decimal mark.
     merged

@@ -54,7 +54,7 @@ class ColumnSpec:
     usual
         Range beyond which a value is suspicious for a small wheel.
     same
-        Two values that differ by no more are one setting, whatever the rest of the column
+        Two values that differ by no more than this are one setting, whatever the rest of the column
         (`settings.settings_of_rows`).
     hint
         Printed with a refused value.
@@ -191,7 +191,7 @@ def is_response(name: str, unit: str = "") -> bool:
     Parameters
     ----------
     name
-        Of the column.
+        Name of the column.
     unit
         The SI unit that it is held in, "" where the table gives none.
     """
@@ -347,9 +347,9 @@ def weight_under(weight: Array, gravity: Array | float) -> Array:
     Parameters
     ----------
     weight
-        Under the standard gravity, N, shape (rows,).
+        Weight under the standard gravity, N, shape (rows,).
     gravity
-        Where they are weighed, m/s^2, one for all or shape (rows,).
+        Acceleration of gravity where they are weighed, m/s^2, one for all or shape (rows,).
     """
     return np.asarray(weight * (gravity / GRAVITY))
 
@@ -360,7 +360,7 @@ def shown_unit(unit: str | None) -> str:
 
 
 def fits(unit: str, expected: str) -> bool:
-    """Whether values in a unit are of the kind that another measures.
+    """Whether two units have the same dimension.
 
     Parameters
     ----------

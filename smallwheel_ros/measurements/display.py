@@ -88,7 +88,7 @@ def setting_words(name: str, value: object) -> str:
     Parameters
     ----------
     name
-        Of the setting.
+        Name of the setting.
     value
         In SI units; two values are a range.
     """
@@ -117,7 +117,7 @@ def listed(names: Sequence[str], last: str = "and") -> str:
     Parameters
     ----------
     names
-        Of effects or columns.
+        Names of effects or columns.
     last
         The word before the last one.
     """
@@ -131,7 +131,7 @@ def display(name: str, unit: str) -> Display:
     Parameters
     ----------
     name
-        Of the column.
+        Name of the column.
     unit
         The SI unit that it is held in, "" where none is known.
     """
@@ -150,7 +150,7 @@ def column_display(measurements: Measurements, name: str) -> Display:
     measurements
         The table.
     name
-        Of the column.
+        Name of the column.
     """
     written = measurements.written_units.get(name)
     if written is not None:

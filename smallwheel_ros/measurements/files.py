@@ -57,7 +57,7 @@ def read_grid(source: str | Path | pd.DataFrame, sheet: str | int | None = None)
     source
         The file, or the frame of pandas.
     sheet
-        Of a workbook, by name or number; without it the one sheet that has a table is read.
+        Sheet of a workbook, by name or number; without it the one sheet that has a table is read.
 
     Raises
     ------

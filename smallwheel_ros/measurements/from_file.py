@@ -78,7 +78,7 @@ def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurem
     Parameters
     ----------
     source, how
-        As of `read_tests`.
+        See `read_tests`.
     """
     found = read_tests(source, shear=False, **how)
     assert isinstance(found, Measurements)
@@ -91,7 +91,7 @@ def read_conditions(source: str | Path | pd.DataFrame, **how: Any) -> Measuremen
     Parameters
     ----------
     source, how
-        As of `read_tests`.
+        See `read_tests`.
     """
     found = read_tests(source, shear=False, every_row=True, **how)
     assert isinstance(found, Measurements)
@@ -112,10 +112,10 @@ def read_tests(
     source
         A CSV, xlsx, xls, ods or Parquet file, or a pandas data frame.
     map, sheet
-        As of `read.read`.
+        See `api.read.read`.
     how
-        diameter, width (m), contact, compliance as of `read.read`. shear: whether a table of shear tests is
-        one to read; every_row: whether it is of settings, of which all are wanted.
+        diameter, width (m), contact and compliance as in `api.read.read`. shear: whether a table of shear
+        tests is read too; every_row: whether rows are kept that have measured nothing.
 
     Raises
     ------

@@ -63,15 +63,15 @@ class Heading(NamedTuple):
     Attributes
     ----------
     text
-        As in the file.
+        The header as in the file.
     name
         Our name of the quantity, or the table's own if it is unknown.
     unit
         As `columns.to_base` takes it; None if the header has none.
     rank
-        That of `Match`, `MAPPED` or `UNKNOWN`.
+        How surely the header names the quantity: as in `Match`, or `MAPPED` or `UNKNOWN`.
     factor
-        By which values are multiplied: 2 for a radius.
+        Factor that turns values into the quantity: 2 for a radius.
     """
 
     text: str
@@ -288,7 +288,7 @@ def is_summary(text: str, names: Collection[str] = ()) -> bool:
     text
         The cell.
     names
-        Of the runs around it, for what is the mean of one of them (`Mean a`).
+        Names of the runs around it: a row may be the mean of one of them (`Mean a`).
     """
     if text.strip() in _MEAN_SIGNS:
         return True

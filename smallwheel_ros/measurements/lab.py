@@ -44,7 +44,7 @@ def take_contact(columns: TableColumns, given: str | None) -> None:
     Parameters
     ----------
     columns
-        Of the table; their contact is set.
+        The table's columns; their contact is set.
     given
         Contact of all rows; None: as the table has it.
     """
@@ -72,9 +72,9 @@ def take_plates(columns: TableColumns, compliance: float | None) -> None:
     Parameters
     ----------
     columns
-        Of the table, which are changed.
+        The table's columns, which are changed.
     compliance
-        Of the rig, m/N, by which a sinkage is shown too deep; None: none.
+        Compliance of the rig, m/N: times the load it is subtracted from each sinkage; None: none.
     """
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
     if plate.any():
@@ -171,9 +171,9 @@ def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
     Parameters
     ----------
     columns
-        Of the table, which are changed.
+        The table's columns, which are changed.
     run
-        Name of each row's run.
+        Name of each row's run, shape (rows,).
     """
     load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
     pushed = columns.contact != ROLLING

@@ -109,7 +109,7 @@ class Layout:
     headers, columns
         As in the grid, all columns of the same length.
     units
-        From a row of their own, by column.
+        Units by column, where the table has a row of units.
     numbers
         Line in the file of each row.
     header_line
@@ -271,14 +271,14 @@ def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
 
 
 def is_label(heading: Heading, numbers: Numbers) -> bool:
-    """Whether a column of unknown name is one of texts: too few of its cells are numbers.
+    """Whether a column of unknown name holds texts, because too few of its cells are numbers.
 
     Parameters
     ----------
     heading
-        Its header, understood.
+        Its heading, as read.
     numbers
-        Its cells that are numbers.
+        Its cells, read as numbers.
     """
     filled = int((~numbers.blank).sum())
     texts = sum(not why for why in numbers.faults.values())
@@ -303,7 +303,7 @@ def rows_not_measured(
     parsed
         Numbers by number of the column, of those that have any.
     names
-        What `row_names` gave.
+        As returned by `row_names`.
     """
     found = dict.fromkeys(_summaries(layout, named, parsed), _SUMMARY)
     nothing = np.all([n.blank for n in parsed.values()], axis=0) if parsed else []
@@ -400,7 +400,7 @@ def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> l
     layout
         Where the table is in its sheet.
     names
-        What `row_names` gave.
+        As returned by `row_names`.
     left_out
         Rows that are not measurements, with the reason.
     """
@@ -428,7 +428,7 @@ def row_names(
     layout
         Where the table is in its sheet.
     named, parsed
-        As of `rows_not_measured`.
+        See `rows_not_measured`.
     """
     texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
     texts.sort(key=lambda i: named[i].name != "run")
@@ -545,9 +545,9 @@ def with_unit(heading: Heading, unit: str | None) -> Heading:
     Parameters
     ----------
     heading
-        As it was understood.
+        The column's heading, as read.
     unit
-        From the row of units; None if it has none there.
+        Unit in the row of units; None if it has none for this column.
 
     Raises
     ------

@@ -52,13 +52,13 @@ class Measurements(Result, shown="views.measured"):
     labels
         Text columns that are neither soil, run, wheel nor contact.
     units
-        Of each numeric column as held here: SI, or empty if the table gives none.
+        Unit of each numeric column as held here: SI, or empty if the table gives none.
     written_units
-        Of the columns whose header has one, as `columns.to_base` takes it.
+        Unit in the table, as `columns.to_base` takes it, of each column whose header has one.
     warnings
-        What is suspicious.
+        Sentences on what is suspicious.
     notes
-        What was assumed.
+        Sentences on what was assumed.
     understood
         How headers and cells that are not in our own form were read.
     """
@@ -212,7 +212,7 @@ class ShearTests:
     soil
         Empty where the table names none.
     line
-        In the file.
+        Line of each row in the file.
     """
 
     normal_stress: Array

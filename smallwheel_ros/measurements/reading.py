@@ -100,7 +100,7 @@ class TableColumns:
     header
         The header's line.
     headings, cells
-        As in the file.
+        Headers and cells as in the file.
     numbers
         NaN where blank.
     texts
@@ -134,11 +134,11 @@ class TableColumns:
     rows_there: int = 0  # below the header, measurements or not
 
     def there(self, name: str) -> bool:
-        """Whether the table has the column, or one value for all rows."""
+        """Whether the table has the column, or the user gave one value for all rows."""
         return name in self.headings or name in self.numbers
 
     def read(self, name: str) -> bool:
-        """Whether the table has the column with numbers."""
+        """Whether the table itself has the column, with numbers."""
         return name in self.headings and name in self.numbers
 
     def values(self, name: str, default: float = np.nan) -> Array:
@@ -147,7 +147,7 @@ class TableColumns:
         Parameters
         ----------
         name
-            Of the column.
+            Name of the column.
         default
             Value of all rows if there is no such column, SI unit.
         """
@@ -176,7 +176,7 @@ class TableColumns:
         message
             What is wrong, and what was expected.
         column
-            Its header as in the table; None for the whole table.
+            Header of the column as in the table; None for the whole table.
         rows
             Numbers of the rows concerned; None for the header.
         """
@@ -249,7 +249,7 @@ class TableColumns:
         Parameters
         ----------
         name
-            Its header.
+            Header of the column.
         known
             Number of problems before the first one of this column.
         """
@@ -578,7 +578,7 @@ def check_range(
     Parameters
     ----------
     columns
-        Of the table, which get the problem.
+        The table's columns, to which the problem is added.
     name, spec
         Our name of the column, and what its values may be.
     values
@@ -630,11 +630,11 @@ def take_size(columns: TableColumns, name: str, size: float) -> None:
     Parameters
     ----------
     columns
-        Of the table, which get it.
+        The table's columns, which are changed.
     name
         diameter or width.
     size
-        m.
+        The size, m.
     """
     size, spec = float(size), COLUMNS[name]
     if np.isnan(size) or spec.bad(np.array([size])).any():

@@ -123,7 +123,7 @@ def cluster(values: Array, tolerance: float) -> Index:
     values
         Shape (values,).
     tolerance
-        In their unit.
+        Largest difference within a code, in the unit of the values.
     """
     codes = np.full(values.size, -1, dtype=np.intp)
     known = np.isfinite(values)
@@ -238,15 +238,16 @@ def repeats_of_rows(measurements: Measurements) -> Index:
 
 
 def curves_of_rows(tracks: Sequence[Array], other: Callable[[int, int], bool]) -> Index:
-    """Number of the curve that each row is of, where rows stand one curve after the other.
+    """Number of each row's curve, shape (rows,), in a table that lists one curve after the other.
 
     Parameters
     ----------
     tracks
-        What rises along a curve, shape (rows,) each: it begins anew where all of them fall under half of what
-        they had reached.
+        Quantities that rise along a curve, shape (rows,) each: a new curve begins where all of them fall to
+        under half of what they had reached.
     other
-        Whether a row (second) cannot be of the curve that begins with another (first).
+        Takes the numbers of two rows; says whether the second cannot belong to a curve that begins with the
+        first.
     """
     curve = np.zeros(len(tracks[0]), dtype=np.intp)
     first, reached = 0, [track[0] for track in tracks]

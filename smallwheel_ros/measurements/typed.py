@@ -64,7 +64,7 @@ class Typed(NamedTuple):
     values
         SI units, shape (values,).
     said
-        A sentence about a mass that was taken as its weight, or about a decimal comma; else empty.
+        Sentence for the user: a mass was taken as its weight, or a comma as a decimal mark; else empty.
     mass
         Whether it was a mass, whose weight depends on gravity.
     """
@@ -80,7 +80,7 @@ def levels_of(name: str, value: Setting) -> Typed:
     Parameters
     ----------
     name
-        Of the setting.
+        Name of the setting.
     value
         A number, several, or a text as `typed` takes it.
     """
@@ -126,7 +126,7 @@ def number_of(name: str, given: float | str) -> Typed:
     Parameters
     ----------
     name
-        Of the setting, which an error names.
+        Name of the setting, which an error names.
     given
         A number, or a text with a unit.
 
@@ -155,13 +155,13 @@ def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Ty
     Parameters
     ----------
     name
-        Of the option, which an error names.
+        Name of the option, which an error names.
     text
         As it was typed.
     unit
         The SI unit of the values; None: in SI whatever the unit.
     several
-        Whether it may be more than one value.
+        Whether several values are allowed.
 
     Raises
     ------

@@ -42,9 +42,9 @@ def derived_numbers(
     soil
         The soil as fitted.
     names
-        Parameters that the covariance is of, as `SOIL.n`; those of other soils may be among them.
+        Names of the covariance's parameters, as `SOIL.n`; those of other soils may be among them.
     covariance
-        Of these parameters, shape (names, names), in the square of their units.
+        Covariance of these parameters, shape (names, names), in the square of their units.
     """
     # ln k = ln p_ref - n ln z_ref - m ln D_ref
     of_k = {

@@ -65,7 +65,7 @@ def registry_of(own: OwnEffects | None) -> Registry:
 
 
 def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
-    """Ids of effects, `unknown` among them.
+    """Check that ids are those of effects, or `unknown`; return them as a tuple.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
     given
         Ids, effects, classes of effects or Python files with them; one or several.
     conditions
-        Of the measurements: constants that only scale an effect are set from them unless given.
+        Conditions of the measurements: constants that only scale an effect are set from them unless given.
     """
     listed: list[Any] = (
         [given] if isinstance(given, (str, Effect, type)) else list_of("effects", given)
@@ -163,9 +163,9 @@ def list_of(name: str, given: Any) -> list[Any]:
     Parameters
     ----------
     name
-        Of the argument, for the message.
+        Name of the argument, for the message.
     given
-        Anything that can be gone through.
+        One thing, or anything that can be iterated over.
 
     Raises
     ------

@@ -32,11 +32,11 @@ class RunScatter:
     Attributes
     ----------
     run
-        Of a run, relative.
+        Deviation of a whole run, relative to the value.
     zero
-        Of a run, SI.
+        Deviation of a run's zero, SI.
     absolute, relative
-        Of one row.
+        Deviation of one row: a constant part, SI, and a part relative to the value.
     law
         Error of the law itself from setting to setting, relative.
     """
@@ -67,11 +67,11 @@ class ForceLaw:
     Attributes
     ----------
     known
-        For a wheel and slips that were measured.
+        The error for a wheel and slips that were measured.
     law
-        Otherwise, the part that varies over the slips of a wheel.
+        For any other wheel or slip, the part that varies over the slips of a wheel.
     wheel
-        Otherwise, the part common to all slips of a wheel.
+        For any other wheel or slip, the part common to all slips of a wheel.
     """
 
     known: float
@@ -95,7 +95,7 @@ class Tied:
     deviation: float
 
     def off(self, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows away from that line."""
+        """Rows in which the two settings are not on that line, shape (rows,)."""
         away = conditions[self.other] - self.at - self.slope * conditions[self.setting]
         return np.asarray(np.abs(away) > _OFF_LINE * self.deviation)
 
@@ -107,15 +107,15 @@ class Measured:
     Attributes
     ----------
     ranges
-        By setting, SI.
+        Smallest and largest value of each setting, SI.
     wheels
         (diameter, width, lugs) of each, m.
     stiffness
-        Deviation of ln k from run to run.
+        Standard deviation of ln k from run to run.
     runs
         Scatter by channel.
     forces
-        By channel, where measured.
+        Error of the law of pull and of torque, by channel, where measured.
     unexplained
         Whether the data confirms no law, so that differences of runs may be an error of the law.
     """
@@ -162,7 +162,8 @@ class Measured:
         Parameters
         ----------
         name
-            Of the setting: load, diameter, width, gravity or a covariate; an unknown one is never outside.
+            Name of the setting: load, diameter, width, gravity or a covariate; an unknown one is never
+            outside.
         conditions
             Settings, SI units; gravity is standard where they have none.
         """

@@ -157,9 +157,9 @@ class CalibratedModel(Model):
     Attributes
     ----------
     names, covariance
-        Of the fitted parameters: `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`, with drawbar pull
-        the soil's strength too (`model_file.SOIL_PARAMETERS`), and `EFFECT.PARAMETER`; shape (names,
-        names). Empty if the uncertainty is unknown.
+        Names and covariance of the fitted parameters: `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`, with
+        drawbar pull the soil's strength too (`model_file.SOIL_PARAMETERS`), and `EFFECT.PARAMETER`; shape
+        (names, names). Empty if the uncertainty is unknown.
     provenance
         data, sha256, date, held_out_rmse and the like: plain values, for people.
     measured

@@ -168,7 +168,7 @@ def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[s
     Parameters
     ----------
     soils, effects
-        Of a model, in its order.
+        Soils and effects of a model, in its order.
     """
     of_soils = (f"{soil.name}.{name}" for soil in soils for name in SOIL_PARAMETERS)
     of_effects = (f"{effect.id}.{p.name}" for effect in effects for p in effect.parameters())

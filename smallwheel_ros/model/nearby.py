@@ -42,7 +42,7 @@ def neighbours(
     conditions
         Settings of the wheels, SI units, shape (rows,) each.
     effects
-        Of the model.
+        Effects of the model.
     shear
         Cohesion (Pa), friction angle (rad), shear displacement (m) of each row, for the effects; empty:
         none.

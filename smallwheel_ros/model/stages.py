@@ -58,11 +58,11 @@ class Stages:
         Parameters
         ----------
         effect, stage
-            Which method of which effect.
+            The effect, and the name of its method.
         neutral
             Value for bodies that do not roll and lack the covariate.
         arguments
-            Of the method before the conditions.
+            The method's arguments before the conditions.
 
         Raises
         ------
@@ -124,7 +124,7 @@ class Stages:
         stage
             Name of the method, such as `modulus_factor`.
         arguments
-            Of the method before the conditions.
+            The method's arguments before the conditions.
         """
         calls = (self.call(e, stage, 1.0, *arguments) for e in self.acting_at(stage))
         return math.prod(calls, start=1.0)
@@ -137,7 +137,7 @@ class Stages:
         stage
             Name of the method, such as `added_resistance`.
         arguments
-            Of the method before the conditions.
+            The method's arguments before the conditions.
         """
         return sum((self.call(e, stage, 0.0, *arguments) for e in self.acting_at(stage)), 0.0)
 
@@ -179,7 +179,7 @@ def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: 
     Parameters
     ----------
     effect, stage
-        What an error names.
+        The effect and the stage, which an error names.
     function, arguments
         The method, and its arguments.
 

@@ -72,7 +72,7 @@ class JointMotion:
         Returns
         -------
         stamps, speeds, message : ndarray
-            ns, rad/s, and for each the number of the message that it came with, shape (speeds,).
+            Shape (speeds,): ns; rad/s; and the number of the message from which the speed was computed.
         """
         found: list[tuple[int, float, int]] = []
         self.unknown = []

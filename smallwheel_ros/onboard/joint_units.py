@@ -71,7 +71,7 @@ class VelocityUnit:
             Velocity (rad/s) and position (rad) of each message, NaN where it has none, and further columns
             that belong to it, shape (messages, columns).
         wait
-            For how long streams wait for late messages, ns.
+            Time for which streams wait for late messages, ns.
 
         Returns
         -------

@@ -48,7 +48,7 @@ class Filled:
     Attributes
     ----------
     values
-        By full name of the parameter.
+        Values by full name of the parameter.
     lacking
         A sentence for each parameter that could not be filled, and for what the estimate cannot use.
     """

@@ -30,7 +30,7 @@ def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
     Parameters
     ----------
     model
-        Gives names of parameters, and their covariance.
+        The model, with the covariance of its parameters.
     soil
         One of its soils.
     """

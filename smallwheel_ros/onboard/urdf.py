@@ -107,7 +107,7 @@ class Urdf:
         return chain
 
     def base(self, link: str) -> str:
-        """The frame in which a wheel's place is given: base_link, or the root above a link."""
+        """The frame in which a wheel's place is given: base_link, or the root link above the wheel's."""
         return BASE if BASE in self.links else self.root(link)
 
     def pose(self, link: str, frame: str) -> Array:

@@ -113,7 +113,7 @@ def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
     Parameters
     ----------
     name
-        Of the input, such as `odom`.
+        Name of the input, such as `odom`.
     names
         Topics to choose from.
     """
@@ -144,7 +144,7 @@ def wheels_named_by(
     names
         Topics or joints.
     where
-        By name, its place, m: x ahead and y to the left.
+        Place of each topic's or joint's wheel, m: x ahead and y to the left.
     """
     words = _words_of_all(names)
     found = {name: "_".join(p for p in PLACES if p in words[name]) for name in names}

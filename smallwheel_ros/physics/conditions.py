@@ -63,7 +63,7 @@ class Conditions:
         load
             Normal load, N, above 0.
         diameter, width
-            Of the wheel, or of the plate (its equivalent diameter), m, above 0.
+            Size of the wheel, or of the plate (its equivalent diameter), m, above 0.
         contact
             `rolling`, `pressed` or `plate`, for all rows or for each.
         soil

@@ -133,7 +133,7 @@ def shape_integral(exponent: ArrayLike, ratio: ArrayLike) -> ShapeIntegral:
     Parameters
     ----------
     exponent
-        n > 0.
+        Exponent n > 0.
     ratio
         z/D, 0 to 0.5; not checked: the callers clip. Both broadcast.
     """
@@ -251,7 +251,7 @@ def contact_sinkage(
     modulus
         K = k D^m, Pa/m^n.
     exponent
-        n > 0.
+        Exponent n > 0.
     with_exponent
         Whether to compute `slope_exponent`, which takes a third of the time.
     """

@@ -75,15 +75,16 @@ class PlateLaw(NamedTuple):
     Attributes
     ----------
     names
-        Of the published constants.
+        Names of the published constants.
     constants
-        The published constants, from (K, reference size, n, s), with K = p_ref / z_ref^n in Pa/m^n.
+        Function of (K, reference size, n, s) that gives the published constants, with K = p_ref / z_ref^n in
+        Pa/m^n.
     size
-        D or b of each row.
+        Function of the conditions: D or b of each row, m.
     factor
-        g of (rho, n, s).
+        Function g of (rho, n, s).
     tied_to_n
-        s at which size has no influence, over n.
+        Ratio s / n at which size has no influence.
     """
 
     id: Literal["meirion_griffith_spenko", "bekker", "reece", "bernstein_goriatchkin"]

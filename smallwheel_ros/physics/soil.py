@@ -135,7 +135,7 @@ def effective_modulus(k: ArrayLike, m: ArrayLike, diameter: ArrayLike) -> Array:
     Parameters
     ----------
     k, m
-        Of the law; k in Pa/m^(n+m).
+        Constants of the law; k in Pa/m^(n+m).
     diameter
         D, m.
     """

@@ -132,7 +132,7 @@ def wheel_forces(
     shear
         Strength of the soil and of its contact with the rim.
     lug_height
-        m.
+        Height of the lugs, m.
     slip_angle
         rad.
     factor
@@ -141,8 +141,8 @@ def wheel_forces(
         Place of the largest pressure as a share of the entry angle; from there to the exit the pressure
         falls as it rose from the entry (Wong and Reece 1967).
     pressure
-        Of the soil at the depth z, Pa, if it and not the load is given: the resulting load is then what
-        the soil carries.
+        Pressure of the soil at the depth z, Pa, if it and not the load is given: the resulting load is then
+        what the soil carries.
     """
     given = (load, sinkage, diameter, width, slip, exponent, lug_height, slip_angle, peak)
     columns = (*given, *shear, np.nan if pressure is None else pressure)
@@ -164,11 +164,11 @@ class Arc(NamedTuple):
     Attributes
     ----------
     weight
-        Of a sum over the arc, rad.
+        Weight of the node in a sum over the arc, rad.
     sine, cosine
-        Of the node's angle.
+        Sine and cosine of the node's angle.
     pressure
-        Over its largest value.
+        Pressure over its largest value.
     rolled, slid
         Displacement by rolling and by slip; times eta and 1 - u they add up to j/R.
     displacement
@@ -190,7 +190,7 @@ class Arc(NamedTuple):
     by_peak: Array | None = None
 
     def around(self, *stresses: Array) -> Array:
-        """Sums over the arc of each stress' components up, forward, and around, (stresses, 3, rows)."""
+        """Sums over the arc of the components (up, forward, around) of each stress, (stresses, 3, rows)."""
         whole = self.weight * np.array(stresses)
         found = np.empty((len(stresses), 3, whole.shape[-1]))
         np.einsum("knr,nr->kr", whole, self.sine, out=found[:, 0])
@@ -214,7 +214,7 @@ class ArcRows(NamedTuple):
 
 
 def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc:
-    """Nodes of the contact.
+    """Stresses and displacements at nodes along the contact.
 
     Parameters
     ----------
@@ -356,7 +356,7 @@ def closed_form_forces(
     rim_friction
         mu of a rim without lugs, 1.
     lug_height
-        m.
+        Height of the lugs, m.
 
     Returns
     -------

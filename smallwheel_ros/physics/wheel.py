@@ -58,7 +58,7 @@ _CORRELATED = ("cohesion", "friction_angle", "shear_displacement", "rolling_shar
 
 @dataclass(frozen=True)
 class Strength:
-    """Shear strength of the soil, and what a wheel does with it: the numbers of `stresses`.
+    """Shear strength of the soil, and how a wheel's rim uses it: the parameters of `stresses`.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Strength:
     rolling_share, rim_friction, pressure_peak
         eta, mu and c2, 1.
     correlation
-        Of (c, phi, ln K, eta, mu), shape (5, 5); None: of none with another.
+        Correlation of (c, phi, ln K, eta, mu), shape (5, 5); None: they are uncorrelated.
     """
 
     cohesion: Quantity

@@ -16,7 +16,7 @@ class Refusal(NamedTuple):
     Attributes
     ----------
     stream
-        That it belongs to.
+        Stream or topic that it belongs to.
     reason
         Key by which it is counted.
     text

@@ -61,11 +61,11 @@ class PredictionTable(Result, shown="views.prediction"):
     Attributes
     ----------
     notes
-        What the predictions rest on that was not measured.
+        Sentences on what the predictions rest on that was not measured.
     names
-        Texts of a table's rows: run and soil.
+        Texts of a table's rows by name: run and soil.
     measured
-        Measurements of a table, by `measured_sinkage`, `measured_sinkage_std` and so on.
+        Measured values of a table's rows, by name: `measured_sinkage`, `measured_sinkage_std` and so on.
     """
 
     settings: Mapping[str, Array]
@@ -89,7 +89,7 @@ class PredictionTable(Result, shown="views.prediction"):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As `smallwheel predict --json` writes it: one mapping a row; null where the wheel is sunk."""
+        """The document that `smallwheel predict --json` writes; null where the wheel is sunk."""
         return {"schema": 1, "rows": self.rows(), "notes": list(self.notes)}
 
     def plot(self, ax: Axes | None = None, quantity: str = "sinkage") -> Axes:
@@ -157,7 +157,7 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
     calibrated
         The model, with one soil or several.
     name
-        Of the soil to keep; None where the model has but one.
+        Name of the soil to keep; None where the model has but one.
     source
         What an error names: the file, or "the model".
 

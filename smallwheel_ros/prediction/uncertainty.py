@@ -61,9 +61,9 @@ class UncertainPrediction:
     Attributes
     ----------
     standard_deviation
-        Of the law; empty if the model file has no covariance.
+        Deviation due to the uncertain parameters of the law; empty if the model file has no covariance.
     run_deviation
-        Of one row of one new run; empty if the model does not know how runs and rows scatter.
+        Deviation of one row of one new run; empty if the model does not know how runs and rows scatter.
     """
 
     prediction: Prediction
@@ -173,9 +173,9 @@ def with_parameter(model: Model, name: str, change: float) -> Model:
     model
         The model, which is not changed.
     name
-        Of the parameter as in a model file: `SOIL.n`, `EFFECT.a`.
+        Name of the parameter as in a model file: `SOIL.n`, `EFFECT.a`.
     change
-        Added to it, in the unit that its deviation has.
+        Change of the parameter, in the unit of its standard deviation.
 
     Raises
     ------

@@ -32,11 +32,11 @@ class DriveDiagnosis:
     stretches
         Number of stretches used.
     verdict
-        That of `diagnose`; empty if there is none.
+        Verdict of `diagnose`; empty if there is none.
     effects, candidates
         Ids that the model lacks, and ids of which it lacks one.
     lines
-        The same for people.
+        The diagnosis in sentences.
     """
 
     stretches: int
@@ -46,7 +46,7 @@ class DriveDiagnosis:
     lines: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """As in replay.json."""
+        """The diagnosis as replay.json has it."""
         return {
             "stretches": self.stretches,
             "verdict": self.verdict or None,
@@ -64,7 +64,7 @@ def diagnosed(table: pd.DataFrame, path: Path) -> DriveDiagnosis:
     table
         One row for each stretch, in the columns of measurements.csv.
     path
-        Its file, for the commands to run next.
+        File of the table, for the commands that are proposed next.
     """
     if len(table) < _FEWEST:
         return _none(table, f"there are {len(table)}, and it needs {_FEWEST}")

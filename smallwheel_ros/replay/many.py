@@ -33,11 +33,11 @@ class Outcome:
     state
         ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``.
     error
-        In words; empty if there is none.
+        What went wrong, in words; empty if nothing did.
     done_before
         Whether an earlier command replayed it.
     summary
-        As in replay.json; None if there is none.
+        Content of its replay.json; None if there is none.
     """
 
     bag: str
@@ -61,7 +61,7 @@ def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
     bags
         The bags.
     like
-        The replay whose other fields they share.
+        Replay from which each takes all its other fields.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def replay_all(
     Yields
     ------
     Outcome
-        Of each bag.
+        The outcome of each bag.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def outcome_of(spec: ReplaySpec, error: str = "", *, before: bool = False) -> Ou
     error
         What went wrong; empty if nothing did.
     before
-        Whether it was done by an earlier command.
+        Whether an earlier command replayed it.
     """
     bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
     if error:
@@ -209,12 +209,12 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     folder
         Where the tables go.
     outcomes
-        Of the bags, with their folders.
+        Outcomes of the bags, which name their folders.
 
     Returns
     -------
     dict
-        Names of the files by what they hold.
+        Names of the files written, by kind.
     """
     target, measured = folder / FILES["estimates_csv"], []
     for i, outcome in enumerate(outcomes):
@@ -243,12 +243,12 @@ def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     folder
         Where the map goes.
     outcomes
-        Of the bags, with their folders.
+        Outcomes of the bags, which name their folders.
 
     Returns
     -------
     dict
-        Names of the files by what they hold.
+        Names of the files written, by kind.
 
     Raises
     ------

@@ -34,12 +34,12 @@ class NewBag(BagWriter):
     Attributes
     ----------
     frames
-        Of each wheel's messages.
+        Frame of each wheel's messages.
     has_twists
         Whether twists were written.
     prefix
-        Of the topics of the estimates: the node's name, preceded by /replay if the bag already contains
-        estimates of the node.
+        Prefix of the topics of the estimates: the node's name, preceded by /replay if the bag already
+        contains estimates of the node.
     left_out
         Topics and types that are not copied, since their type is unknown.
     damaged
@@ -135,7 +135,7 @@ class NewBag(BagWriter):
         stamps
             Shape (rows,), ns.
         columns
-            Fields by name, each of shape (rows,).
+            Fields of VehicleMobility by name, each of shape (rows,).
         times
             Recording times, shape (rows,), ns.
         """
@@ -161,7 +161,7 @@ class NewBag(BagWriter):
         rows
             The twists.
         settings
-            Their covariance's settings.
+            Settings of their covariance.
         times
             Recording times, shape (rows,), ns.
         """
@@ -185,9 +185,9 @@ class NewBag(BagWriter):
         Parameters
         ----------
         what
-            What is written now and then.
+            Name of what is written at intervals.
         time, period
-            ns.
+            Time of recording, and length of the period, ns.
         """
         sent = self._sent.get(what)
         due = sent is None or not sent <= time < sent + period
@@ -201,7 +201,7 @@ class NewBag(BagWriter):
         Parameters
         ----------
         grids
-            In the order of the topics.
+            The grids of costs.
         stamp, time
             Stamp, and time of recording, ns.
         """

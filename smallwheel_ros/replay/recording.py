@@ -41,7 +41,7 @@ class Recording:
     time, read
         Log time (ns) of the newest message, and number of messages read.
     frame
-        Of the odometry.
+        Frame of the odometry.
     damage
         Where a damaged bag ended early.
     stopped

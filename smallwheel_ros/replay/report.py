@@ -54,8 +54,6 @@ _OF_SOIL = (
     "The estimated soil, p = k z^n D^m. The reference pressure is what the drive determines first; "
     "k is the pressure at one metre of sinkage, far beyond small wheels."
 )
-# Of the estimates: what fewer of them show is not of the drive, as an odometry that is refused after 1 s.
-_SUMMED_UP = 0.05
 _BAND = 1.96  # standard deviations: 95 %
 _STEPS = 400  # of the way
 _MOST_POINTS = 500  # of a curve: a plot is no wider on a screen
@@ -87,7 +85,7 @@ def page(result: Replayed, pictures: bool = True, folder: Path | None = None) ->
     pictures
         Whether to draw.
     folder
-        Where its tables are; the spec's folder if not given.
+        Folder with its tables; the spec's if not given.
     """
     summary = result.to_dict(folder)
     return _page(summary, drive_blocks(summary, folder or result.spec.folder) if pictures else [])
@@ -248,10 +246,8 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
     """Slip, margin and risk, as far as they are known. sunk: whether the soil was measured."""
     told, strength = summary["mobility"], summary["strength"]
     slip, margin, risk = told["slip"], told["margin"], told["risk"]
-    lines = ["Slip: not known."]
-    if slip["median"] is not None and slip["known"] < _SUMMED_UP:
-        lines = [f"Slip: known in {slip['known']:.1%} of the estimates, too few to sum up."]
-    elif slip["median"] is not None:
+    lines = [f"Slip: {_unknown(slip['known'])}."]
+    if slip["median"] is not None:
         lines = [
             f"Slip: known in {slip['known']:.0%} of the estimates, half under {number(slip['median'], 2)},"
             f" 95 % under {number(slip['quantile_95'], 2)}."
@@ -269,6 +265,8 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
             f"Margin, pull over load at the reference slip: {number(margin['median'], 2)}{std},"
             f" {by}."
         )
+    elif margin["known"]:
+        lines.append(f"Margin: {_unknown(margin['known'])}.")
     if strength["of_prior"] and slip["median"] is not None:
         lines.append(
             f"Thrust, pull and energy: by the strength of {strength['of_prior']}, not measured."
@@ -276,6 +274,11 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
     if risk["highest"] is not None:
         lines.append(f"Risk of getting stuck: at most {number(risk['highest'], 2)}.")
     return lines
+
+
+def _unknown(known: float) -> str:
+    """Why there are no typical values. known: share of the estimates that know the quantity, 0 to 1."""
+    return f"known in {known:.1%} of the estimates, too few to sum up" if known else "not known"
 
 
 def _sentences(texts: Sequence[str]) -> list[str]:
@@ -292,7 +295,7 @@ def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
     Parameters
     ----------
     summary
-        As in summary.json.
+        Content of replay.json.
     folder
         Where the tables are.
     """
@@ -509,7 +512,7 @@ def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
     Returns
     -------
     dict of DataFrame
-        By wheel, with a column `used`: whether the soil was updated by the row's sinkage.
+        Rows of each wheel, with a column `used`: whether the soil was updated by the row's sinkage.
     """
     rows = pd.read_csv(table, usecols=_needed)
     rows["used"] = is_used(rows)

@@ -65,7 +65,7 @@ _UNITS |= {"effective_modulus": "Pa/m^n", "reference_pressure": "Pa"}
 
 
 def files_in(folder: Path) -> dict[str, str]:
-    """Files written into the folder, by kind."""
+    """Names of the files in the folder, by kind."""
     return {what: name for what, name in FILES.items() if (folder / name).exists()}
 
 
@@ -149,15 +149,15 @@ class Replayed(Result, shown="replay.report"):
     ended
         What is wrong with the bag, or where the replay stopped, in words; empty when complete.
     start, end
-        ns.
+        Recording times of the first and the last message, ns.
     messages_read, message_count
-        Of the topics that were read: messages read, and those in the bag by its own count.
+        For the topics that were read: number of messages read, and of those in the bag by its own count.
     prefix
-        Of the topics of the estimates in the new bag.
+        Prefix of the topics of the estimates in the new bag.
     left_out
         Topics and types that are not in the new bag, since the type is unknown.
     diagnosis
-        Of the steady stretches; None if there are none.
+        Diagnosis of the steady stretches; None if there are none.
     place
         Keeps a temporary folder alive, which is deleted together with the result.
     """
@@ -230,7 +230,7 @@ class Replayed(Result, shown="replay.report"):
         return self._drawn(ax, quantity)
 
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
-        """As in replay.json: SI units, times in s since the bag's beginning.
+        """The content of replay.json: SI units, times in s since the bag's beginning.
 
         folder: where the files are; the spec's folder if not given.
         """

@@ -49,8 +49,8 @@ class ReplayError(SmallwheelError):
 class ReplaySpec:
     """What to replay and how; plain values, so that it can be sent to another process or machine.
 
-    The fields are arguments of `replay`. folder: its output. remaps: full names. notes: remarks to
-    print before.
+    The fields are arguments of `replay`. folder: where results go. remaps: full names of topics. notes:
+    remarks to print at the beginning.
     """
 
     bag: Path
@@ -172,7 +172,7 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
     spec
         The replay.
     reader
-        Of its bag.
+        The reader of its bag.
 
     Returns
     -------
@@ -262,7 +262,7 @@ def inputs_of(
     settings
         The node's settings.
     reader
-        Of the bag.
+        Reader of the bag.
     unusable
         By topic and type, why the bag's message definition cannot be used.
 
@@ -320,7 +320,7 @@ def check_enough(wheels: Iterable[str], inputs: Sequence[Input], reader: BagRead
     inputs
         All streams, with what is lacking.
     reader
-        Of the bag.
+        Reader of the bag.
 
     Raises
     ------

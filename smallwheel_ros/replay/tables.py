@@ -41,6 +41,9 @@ _FIRST = ("stamp", "time", "wheel", "x", "y", "speed", "travel", "status", "stat
 _BLOCK = 20_000  # rows that are kept before they are written, or reduced to stretches
 COUNTS = ("estimates", "with_sinkage", "with_load", "with_slip", "used_for_soil")
 MARGIN = "mobility_margin"
+# Share of the estimates: what fewer of them know is not of the drive, as the slip by an odometry that is
+# refused after 1 s.
+SUMMED_UP = 0.05
 _MOBILITY = ("slip", MARGIN, f"{MARGIN}_standard_deviation")
 _STATUS = np.array([status.name for status in Status], dtype=object)
 _FEWEST_READINGS = 3
@@ -110,10 +113,14 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         )
 
     def told(self) -> dict[str, dict[str, float | None]]:
-        """Summary of slip and margin over the drive: share of estimates that know each, and typical values.
+        """Summary of slip and margin over the drive.
 
-        For slip, the median and the 95 % quantile of its size; for the margin, the median and the median of
-        its standard deviations. None if unknown.
+        Returns
+        -------
+        dict
+            For slip, the share of estimates that know it (`known`, 0 to 1), its median and its 95 % quantile;
+            for the margin, the share, the median and the median of its standard deviations. Values are None
+            where fewer than `SUMMED_UP` of the estimates know the quantity.
         """
         rows = pd.concat(self.mobility) if self.mobility else pd.DataFrame(columns=list(_MOBILITY))
         slip, margin, spread = (rows[name].dropna().astype(float) for name in _MOBILITY)
@@ -138,7 +145,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         rows
             The estimates.
         speed
-            Of each row's wheel, shape (rows,), m/s.
+            Speed of each row's wheel, shape (rows,), m/s.
         columns
             Fields of MobilityEstimate by name, each of shape (rows,).
         soils
@@ -234,15 +241,19 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
 
 
 def is_used(table: pd.DataFrame) -> pd.Series[bool]:
-    """Whether the measured sinkage of each estimate was used for the soil."""
+    """Whether the measured sinkage of each row of a table of estimates was used for the soil."""
     known = table["load"].notna() & table["sinkage_measured"].notna()
     return known & (table["status"] != "REJECTED")
 
 
 def _figures(known: int, rows: int, found: Mapping[str, float]) -> dict[str, float | None]:
-    """The share of rows that know a quantity, and figures of these; None: not known."""
-    told: dict[str, float | None] = {"known": known / max(rows, 1)}
-    return told | {key: float(v) if math.isfinite(v) else None for key, v in found.items()}
+    """The share of rows that know a quantity, and typical values; None: unknown, or known in too few."""
+    share = known / max(rows, 1)
+    values = {
+        key: float(v) if math.isfinite(v) and share >= SUMMED_UP else None
+        for key, v in found.items()
+    }
+    return {"known": share, **values}
 
 
 class TwistsTable:
@@ -327,7 +338,7 @@ class SteadyStretches:
     pull_std
         Deviation of a measured drawbar pull, N; None if none is measured.
     gravity
-        m/s^2.
+        Acceleration of gravity, m/s^2.
     unsteady
         Number of stretches that were left out.
     at_changes, unusable
@@ -411,7 +422,7 @@ class SteadyStretches:
             self._done.append(_medians(table[ended], [*self._wheels]))
 
     def table(self) -> pd.DataFrame:
-        """The rows, at the end of the drive."""
+        """The table of measurements, at the end of the drive."""
         self._reduce(self._soil + 1, 0)
         if not self._done:
             return pd.DataFrame()

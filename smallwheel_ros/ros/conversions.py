@@ -43,7 +43,7 @@ def header_of(stamp: int, frame: str) -> Header:
     Parameters
     ----------
     stamp
-        ns.
+        Stamp of the header, ns.
     frame
         Its frame_id.
     """
@@ -58,7 +58,7 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
     grid
         The grid.
     stamp
-        ns.
+        Stamp of the header, ns.
     """
     message = OccupancyGrid(header=header_of(stamp, grid.frame))
     info = message.info

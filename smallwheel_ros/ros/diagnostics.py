@@ -37,7 +37,7 @@ def status(
     Parameters
     ----------
     name
-        What it is about.
+        What the entry is about.
     level
         OK, WARN, ERROR or STALE.
     message

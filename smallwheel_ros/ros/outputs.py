@@ -70,7 +70,7 @@ def markers(newest: Estimates, wheels: Sequence[Wheel], frame: str) -> MarkerArr
     newest
         A row of each wheel; those without a position have no marker.
     wheels
-        By wheel number, which is the marker's id.
+        All wheels, by number; the number is the marker's id.
     frame
         Frame of the odometry.
     """

@@ -58,17 +58,17 @@ class PlayedRecording:
     Attributes
     ----------
     mobility
-        Of all wheels, sorted by stamp at the end.
+        Estimates of all wheels, sorted by stamp at the end.
     vehicle
-        Of the vehicle.
+        Estimates of the vehicle.
     warnings
         Stamp of the newest estimate, and text, for each alarm in the diagnostics.
     cost
         The newest grid.
     sent
-        When each sinkage was played, by its stamp, s.
+        Time at which each sinkage was played, s, by its stamp.
     latencies
-        Time from that to its answer, s.
+        Time from each sinkage to its answer, s.
     """
 
     mobility: list[dict[str, Any]] = field(default_factory=list)

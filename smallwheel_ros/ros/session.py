@@ -125,7 +125,7 @@ class Session:
     wall
         A clock that runs while /clock stands still.
     warnings
-        Reported once about the configuration.
+        Sentences about the configuration, reported once.
     restored
         The saved soil and cost map that it continues from, in words; empty if there is none.
 

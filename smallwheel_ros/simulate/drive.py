@@ -68,7 +68,7 @@ class Drive:
     stretch
         Index of the stretch under each wheel, shape (times, wheels).
     outliers
-        Which rows of a stream are gross errors.
+        By stream, mask of the rows that are gross errors.
     """
 
     settings: DriveSettings
@@ -188,7 +188,7 @@ def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> t
     distance
         Length of the drive, m.
     rng
-        Where the draws come from.
+        Random number generator for the draws.
 
     Returns
     -------
@@ -223,7 +223,7 @@ def draw_patches(distance: float, rng: np.random.Generator) -> tuple[Started, ..
     distance
         Length of the drive, m.
     rng
-        Where the draws come from.
+        Random number generator for the draws.
 
     Returns
     -------
@@ -247,11 +247,11 @@ def draw_finish(name: str, distance: float, rng: np.random.Generator) -> tuple[S
     Parameters
     ----------
     name
-        One of `FINISHES`.
+        Name of the end: one of `FINISHES`.
     distance
         Where the end begins, m along the path.
     rng
-        Where the draws come from.
+        Random number generator for the draws.
 
     Returns
     -------

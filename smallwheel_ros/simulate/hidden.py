@@ -58,7 +58,7 @@ class HiddenLaw:
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One effect in the truth. numbers: besides the amplitude, by the names in its formula."""
+    """One effect in the truth. numbers: those of its formula besides the amplitude, by name."""
 
     name: str
     law: HiddenLaw

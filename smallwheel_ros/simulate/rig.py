@@ -89,7 +89,7 @@ def draw_design(
     tie
         The pair of settings that are tied, leader first; empty for none.
     rng
-        Where the draws come from.
+        Random number generator for the draws.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def draw_runs(
     count
         Number of runs.
     rng
-        Where the draws come from.
+        Random number generator for the draws.
 
     Returns
     -------

@@ -35,9 +35,9 @@ def check_range(name: str, value: float, low: float, high: float, unit: str = ""
     value
         The setting.
     low, high
-        Its bounds, in its own unit.
+        Bounds of the setting, in its unit.
     unit
-        Its unit, for the message.
+        Unit of the setting, for the message.
 
     Raises
     ------
@@ -174,9 +174,9 @@ def draw_effects(
     Parameters
     ----------
     hidden
-        Effects as they are asked for on the command line.
+        Effects as typed on the command line: `NAME` or `NAME=SIZE`.
     rng
-        Where the draws come from.
+        Random number generator for the draws.
     strength
         Factor on the typical amplitudes, 1.
 

@@ -30,7 +30,7 @@ class SteeredWheels:
         self.bend = self.crab = 0.0
 
     def bent(self, rim: float, turning: float, tick: float) -> float:
-        """The rate of turning that the curvature's limited rate of change allows in this tick.
+        """Limit the rate of turning in a tick, as the curvature of the path cannot change at once.
 
         Parameters
         ----------

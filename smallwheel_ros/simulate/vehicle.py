@@ -53,7 +53,7 @@ class Truth:
     load, thrust, resistance, torque
         N, N, N, N m.
     held
-        Pull at the reference slip, N.
+        Pull of each wheel at the reference slip, N.
     stuck
         Time at which slip had been over 0.8 for half a second, for good, s; None if never.
     steering, crab
@@ -81,14 +81,14 @@ class Truth:
     stuck: float | None
 
     def at(self, time: Array, values: Array) -> Array:
-        """Interpolate values of the truth linearly to other times.
+        """Interpolate true values linearly to other times.
 
         Parameters
         ----------
         time
             Shape (times,), s.
         values
-            At the truth's own times, shape (rows,) or (rows, wheels).
+            Values at the truth's own times, shape (rows,) or (rows, wheels).
 
         Returns
         -------

@@ -62,7 +62,7 @@ def rim_curves(
     load
         N.
     exponent
-        Of depth, 1.
+        Exponent of depth in the pressure, 1.
     strength
         Shear strength of the soil at the rim, SI units.
 
@@ -103,7 +103,7 @@ class Sand:
     Attributes
     ----------
     k
-        For all wheels, or for each, shape (rows,).
+        Pa/m^n; one for all wheels, or one for each, shape (rows,).
     rim
         Friction of a smooth rim over the soil's.
     dug, skid, lugs
@@ -132,9 +132,9 @@ class Stresses:
     moved
         Share of its pressure that soil dug by the wheel still carries.
     hump
-        How far shear falls after its peak.
+        Share by which the shear stress falls after its peak.
     bias
-        On the pull, as a share of the load.
+        Error of the pull, as a share of the load.
     """
 
     peak: tuple[float, float] = (0.0, 0.0)
@@ -239,7 +239,7 @@ def peaked_curves(
     load
         N.
     exponent
-        Of depth, 1.
+        Exponent of depth in the pressure, 1.
     strength
         Shear strength of the soil at the rim, SI units.
 
@@ -434,7 +434,7 @@ class WheelsOnSoil:
         )
 
     def firmness(self) -> float:
-        """Factor by which effects on stiffness raise the load that the soil carries.
+        """Factor by which effects on the stiffness change the load that the soil carries.
 
         Taken at the sinkage without them, averaged over the rows.
         """

@@ -38,7 +38,7 @@ class SimulatedRover:
 
     @property
     def pivot(self) -> float:
-        """How far ahead (m) of base_link the line is that moves along the heading alone, crab steering apart.
+        """Distance (m) ahead of base_link of the line that cannot move sideways, except when crabbing.
 
         It is the line of the wheels that are not steered; without any it is at base_link.
         """
@@ -120,18 +120,18 @@ class Sensors:
     current
         Whether torque comes from a motor's current, which is 0 at standstill.
     noise_factor
-        On all noise.
+        Factor on all noise.
     sinkage_told
         Share of the sinkage in its stated variance, besides the noise; the true one is 0.03.
     load_scale
-        Of each wheel.
+        Factor by which each wheel's cell shows its load; empty: 1.
     encoder_steps
         Steps in a turn of a wheel.
     odometry
         `own` comes from pictures or echoes, `wheels` from the joints, `filter` from joints and imu,
         `half` from a filter of wheels and pictures; `pose` has places alone.
     lag, noise
-        Of the odometry, s and m/s.
+        Delay of the odometry, s, and noise of its speed, m/s.
     alike
         Time over which errors of `own` are correlated, s.
     told
@@ -188,19 +188,19 @@ class World:
     Attributes
     ----------
     legs
-        Of the route.
+        Legs of the route.
     floor
         Whether all ground is hard.
     law
-        Of `wheel_laws`.
+        Name of the law of `wheel_laws`.
     slope
         Deviation of the waves.
     swing
-        Of the loads from one diagonal to the other, over its usual size.
+        Size of the swing of the loads from one diagonal to the other, over the usual one.
     grip, own_grip, scatter
         Deviations of ln grip from place to place, of ln grip under each wheel, and of ln k.
     drift
-        Of ln k, after 5 m.
+        Standard deviation of the change of ln k over 5 m, by a random walk.
     digging
         Sinkage for each metre by which a rim turns further than the wheel travels, 1, drawn between the
         two.

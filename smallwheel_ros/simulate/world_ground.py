@@ -44,7 +44,7 @@ class Started:
     end: float
 
     def at(self, place: Array) -> Array:
-        """Its amount at places (m)."""
+        """Size of the feature at places (m), in the unit of its kind."""
         into = np.clip((place - self.start) / self.edge, 0.0, 1.0)
         out = np.clip((self.end + self.edge - place) / self.edge, 0.0, 1.0)
         found: Array = self.size * into * out
@@ -64,17 +64,17 @@ class TrueGround:
     modulus, exponent
         k and n.
     load
-        On the level, with slopes and twist, N.
+        Load at rest, as slopes and uneven ground distribute it, N.
     rest
         Sinkage under that load, without slip and ruts, m.
     dragging
         Resistance over load that the law of pressure does not give.
     grip
-        ln of it.
+        ln of the grip.
     floor
         Whether the cell is hard.
     bumps
-        Left and right, m.
+        Height of the bumps under the left and the right wheels, m.
     """
 
     world: World
@@ -150,7 +150,7 @@ class Frame:
         Parameters
         ----------
         climb, roll
-            Of the vehicle, rad; positive nose up, left side up.
+            Angles of the vehicle, rad; positive nose up, left side up.
         gained
             Acceleration forward, m/s^2.
         twist
@@ -187,13 +187,13 @@ def make_ground(
     rover
         The rover that drives on it.
     soils
-        One for each of `starts`.
+        Soils, one for each of `starts`.
     starts
         Where each soil begins, m along the path, rising.
     started
         Features: grip, slope, floor and the like, each from a place on.
     rng
-        Where the draws come from.
+        Random number generator for the draws.
 
     Returns
     -------
@@ -268,7 +268,7 @@ def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[A
     Returns
     -------
     callable
-        Of depth (m), shape (cells, points), to pressure (Pa), same shape.
+        Takes depths (m), shape (cells, points); returns pressures (Pa), same shape.
     """
 
     def law(depth: Array) -> Array:
@@ -335,7 +335,7 @@ def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
     Parameters
     ----------
     rng
-        Where the draws come from.
+        Random number generator for the draws.
     at
         Places along the path, `CELL` apart, shape (cells,), m.
     deviation
@@ -358,7 +358,7 @@ def texture(rng: np.random.Generator, at: Array, deviation: float, length: float
     Parameters
     ----------
     rng
-        Where the draws come from.
+        Random number generator for the draws.
     at
         Places along the path, `CELL` apart, shape (cells,), m.
     deviation

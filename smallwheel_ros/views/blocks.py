@@ -239,13 +239,13 @@ class Models:
     Attributes
     ----------
     choices
-        With several, any of them are set together; otherwise one is picked.
+        What can be chosen. If `several`, any of them can be set together; otherwise one is picked.
     views
-        By the chosen values, joined by commas.
+        Blocks of each model, by the values of the choices set, joined by commas.
     leaves
         Points and frames of the plots, see `views.leftovers`.
     stills
-        The same as pictures, which are not in the page.
+        The same plots as pictures, which are not in the page.
     """
 
     kind: ClassVar = "models"

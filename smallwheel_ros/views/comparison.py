@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from smallwheel_ros.compare.comparison import Comparison, ModelResult
+from smallwheel_ros.compare.reasons import MISSING
 from smallwheel_ros.compare.shown import comparison_document
 from smallwheel_ros.fitting.held_out import Score
 from smallwheel_ros.measurements.display import (
@@ -63,8 +64,10 @@ _LEGEND = (
 _CAVEATS = (
     "The run, not the row, is the unit of evidence: rows of one run are repeats and are held out together.",
     "A smaller error does not prove the physics: parameters that were fitted to the data can absorb an "
-    "effect that the model lacks. `smallwheel diagnose` looks for such an effect.",
+    "effect that the model lacks.",
 )
+_MISSING = "an effect is missing (`smallwheel diagnose`), or a zero is off"
+_DIAGNOSE = "`smallwheel diagnose` looks for an effect that a model lacks."
 _NO_FLOOR = "the diagnosis could not tell noise from misfit: repeat runs"
 _NO_RUNS = (
     "The table names no runs. If rows belong together (one filling of the bin, one drive), the held-out "
@@ -134,14 +137,23 @@ def _differences(found: Comparison, channel: str) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def best_sentences(found: Comparison) -> list[str]:
-    """Say which model is best, one sentence a channel."""
+def best_sentences(found: Comparison, diagnosed: bool = False) -> list[str]:
+    """Say which model is best, one sentence a channel.
+
+    Parameters
+    ----------
+    found
+        The comparison.
+    diagnosed
+        Whether a diagnosis stands on the same page: else the reader is referred to it.
+    """
     sentences = []
     for channel in found.channels:
         if useless := found.useless(channel):
             for one in found.models:  # names as people write them
                 useless = useless.replace(one.contender.name, words(one.contender.name))
-            sentences.append(f"{words(channel).capitalize()}: {useless}.")
+            said = useless if diagnosed else useless.replace(MISSING, _MISSING)
+            sentences.append(f"{words(channel).capitalize()}: {said}.")
             law = found.best(channel, laws=True)
             score = law and found.shown_score(law, channel)
             if law and score and (above := _above_floor(found, channel, score)):
@@ -357,12 +369,21 @@ def _where(found: Comparison, part: Part) -> str:
     return f"{words(part.by)} {' to '.join(dict.fromkeys(ends))} {shown.unit}".rstrip()
 
 
-def caveats(found: Comparison) -> list[str]:
-    """What to keep in mind of a comparison."""
+def caveats(found: Comparison, diagnosed: bool = False) -> list[str]:
+    """What to keep in mind of a comparison.
+
+    Parameters
+    ----------
+    found
+        The comparison.
+    diagnosed
+        Whether a diagnosis stands on the same page: else the reader is referred to it.
+    """
     unknown = dict.fromkeys(floor.reason for floor in found.noise.values() if floor.value is None)
     folds = f"Held-out errors are those of a {found.folds}-fold cross-validation by runs."
     return [
         *_CAVEATS,
+        *([] if diagnosed else [_DIAGNOSE]),
         *([folds] if found.folds else []),
         *map(sentence, unknown),
         *([] if found.measurements.runs_given else [_NO_RUNS]),
@@ -382,7 +403,7 @@ def with_floors(found: Comparison, diagnosed: Mapping[str, Any]) -> Comparison:
     Returns
     -------
     Comparison
-        With the errors that the diagnosis expects of a true model.
+        The comparison, with the errors that the diagnosis expects of a true model.
     """
     from dataclasses import replace
 

@@ -67,6 +67,11 @@ _FLOOR = (
     "; expected of a true model: the held-out error that the true model would leave, with the noise of each "
     "row and the scatter from run to run"
 )
+_OVER_CHANNELS = (
+    "; over all channels that decide, as 1 minus the root mean square of each one's error with the effect "
+    "over without: one channel's error may rise while another's falls (where an effect can be set, its "
+    "falls are given by channel)"
+)
 _MAY_BE_LOWER = (
     "; with something still missing, part of it may be taken for scatter, and a true model's error be "
     "lower"
@@ -251,6 +256,8 @@ def _ranking(rows: Sequence[Row], named: Sequence[str]) -> Table:
         share_of("error removed", "reduction"), Column("", "reason", _doubts),
     ]  # fmt: skip
     caption = "Probability: all others compete. Error removed: by the effect alone, added to the base model"
+    if any(len(row.get("held_out_rmse") or {}) > 1 for row in rows):
+        caption += _OVER_CHANNELS
     return Table(columns, rows, caption, strong=lambda row: row["effect"] in named)
 
 

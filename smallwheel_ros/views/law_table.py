@@ -63,7 +63,7 @@ def page(found: Benchmark, pictures: bool = True) -> Page:
 
 
 def text(found: Benchmark) -> str:
-    """As the command prints it: each table, then the ending."""
+    """The text that the command prints: each table, then the ending."""
     return "\n\n".join([*map(table_text, found.tasks), ending(found)])
 
 
@@ -86,7 +86,7 @@ def ending(found: Benchmark) -> str:
 
 
 def document(found: Benchmark) -> dict[str, Any]:
-    """As `smallwheel compare FOLDER --json` writes it."""
+    """The document that `smallwheel compare FOLDER --json` writes."""
     return {
         "folder": str(found.folder), "ours": OURS, "wins": len(found.judged("wins")),
         "losses": len(found.judged("loses")), "cannot_tell": len(found.judged("cannot tell")),

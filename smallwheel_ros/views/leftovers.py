@@ -116,9 +116,9 @@ def residual_panel(
     models
         Residuals of each model, with its name and colour.
     channel
-        What was measured.
+        Name of the channel.
     setting
-        Column of the abscissa.
+        Name of the setting on the x-axis.
     floor
         Error of a true model, SI; no band if None.
     """
@@ -158,7 +158,7 @@ def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Pan
     models
         Residuals of each model, with its name and colour.
     channel
-        What was measured.
+        Name of the channel.
     """
     how = shown_channel(channel)
     layers, ends = (
@@ -207,7 +207,7 @@ def leftovers(
     base
         Key of the model that is drawn in grey.
     base_name
-        Its name.
+        Name of the model that is drawn in grey.
     floors
         Error of a true model by channel, SI; None if unknown.
     first

@@ -42,8 +42,8 @@ def parameter_table(rows: Sequence[Row], caption: str = "Fitted parameters",
     Parameters
     ----------
     rows
-        With owner, name, value, std, unit; where known form, published_range, plausible, status,
-        remedy.
+        Mappings with owner, name, value, std and unit and, where known, form, published_range, plausible,
+        status and remedy.
     caption
         Words above the table.
     strong

@@ -43,7 +43,7 @@ class Layer:
     Attributes
     ----------
     name
-        In the key.
+        Name in the key.
     low, high
         Band of a line; whiskers of other elements.
     kind
@@ -289,14 +289,14 @@ def write_picture(panels: Sequence[Panel], path: Path) -> Path:
     Parameters
     ----------
     panels
-        One plot each.
+        Plots side by side.
     path
-        Its suffix is the format, such as .png or .svg.
+        Where to; the suffix is the format, such as .png or .svg.
 
     Returns
     -------
     Path
-        The same path.
+        The given path.
 
     Raises
     ------

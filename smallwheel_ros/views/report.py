@@ -31,13 +31,14 @@ def page(found: Diagnosis, beside: Comparison, models: Models | None = None) -> 
     made = diagnosed.page(found, models=models)
     sections = {section.title: section for section in made.sections}
     sections["In short"] = Section(
-        "In short", [*sections["In short"].blocks, Text(items=compared.best_sentences(beside))]
+        "In short",
+        [*sections["In short"].blocks, Text(items=compared.best_sentences(beside, diagnosed=True))],
     )
     sections["The data"] = Section("The data", compared.data_blocks(beside))
     side = Section("Models side by side",
                    [*compared.model_blocks(beside), *compared.left_blocks(beside)])  # fmt: skip
-    kept = Section("What to keep in mind", [Text(items=list(dict.fromkeys(
-        [*compared.caveats(beside), *diagnosed.caveats(found.document), _TWICE])))])  # fmt: skip
+    caveats = compared.caveats(beside, diagnosed=True) + diagnosed.caveats(found.document)
+    kept = Section("What to keep in mind", [Text(items=list(dict.fromkeys([*caveats, _TWICE])))])
     listed = [kept if s.title == kept.title else s for s in sections.values()]
     at = next(i for i, section in enumerate(listed) if section.title == "Where the model fails")
     data = found.measurements

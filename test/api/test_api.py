@@ -349,3 +349,19 @@ def test_a_replay_is_a_result(folder: Path) -> None:
     place = drive.spec.folder
     del drive
     assert not place.exists()
+
+
+def test_a_fit_of_runs_that_differ_refers_to_the_diagnosis_which_does_not_refer_to_itself(
+    tmp_path: Path,
+) -> None:
+    rows = simulate_rig(RigSettings(seed=3, runs=12)).table
+    firmness = dict(zip(rows["run"].unique(), np.geomspace(0.3, 3.0, 12), strict=True))
+    rows["sinkage [mm]"] /= rows["run"].map(firmness)
+    write_table(rows, tmp_path / "mixed.csv")
+    fitted = " ".join(sw.fit(tmp_path / "mixed.csv").notes)
+    assert "more than those of one soil: name the soils (column soil)" in fitted
+    assert "`smallwheel diagnose` looks for what is missing where runs differ so much" in fitted
+    sw.diagnose(tmp_path / "mixed.csv").save(tmp_path / "diagnosis.html")
+    page = (tmp_path / "diagnosis.html").read_text()
+    assert "more than those of one soil" in page
+    assert "smallwheel diagnose" not in page

@@ -6,6 +6,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
 
@@ -13,6 +15,7 @@ import smallwheel_ros as sw
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.replay.report import _in_short
+from smallwheel_ros.replay.tables import EstimatesTable
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 
@@ -94,11 +97,31 @@ def test_slip_and_margin_are_said_and_of_the_law_one_line(
     assert (
         0.0 < found["mobility"]["slip"]["median"] < found["mobility"]["slip"]["quantile_95"] <= 1.0
     )
-    # Of an odometry that is refused after .7 s, because it looks back, no quantile is the drive's.
-    found["mobility"]["slip"] |= {"known": 0.012, "median": 1.0, "quantile_95": 1.0}
-    few = str(_in_short(found))
-    assert "Slip: known in 1.2% of the estimates, too few to sum up." in few
-    assert "half under" not in few
+
+
+@pytest.mark.parametrize("known", [0, 1, 4, 5, 100])
+def test_of_what_few_estimates_know_no_value_is_the_drives(
+    drive: Path, config: Path, tmp_path: Path, known: int
+) -> None:
+    """As of an odometry that is refused after .7 s, because it looks back."""
+    table = EstimatesTable(tmp_path / "estimates", 0, ["front"])
+    values = np.where(np.arange(100) < known, 0.25, np.nan)
+    names = ("slip", "mobility_margin", "mobility_margin_standard_deviation")
+    table.mobility.append(pd.DataFrame(dict.fromkeys(names, values)))
+    figures = table.told()
+    value = 0.25 if known >= 5 else None
+    assert figures == {
+        "slip": {"known": known / 100, "median": value, "quantile_95": value},
+        "margin": {"known": known / 100, "median": value, "std": value},
+    }
+    summary = sw.replay(drive, config, tmp_path / "out", copy="none").to_dict()
+    summary["mobility"]["slip"] |= figures["slip"]
+    summary["mobility"]["margin"] |= figures["margin"]
+    text = str(_in_short(summary))
+    few = f"known in {known}.0% of the estimates, too few to sum up."
+    assert (f"Slip: {few}" in text) == (f"Margin: {few}" in text) == (0 < known < 5)
+    assert ("half under" in text) == (known >= 5)
+    assert ("Slip: not known." in text) == (known == 0)
 
 
 def test_nothing_estimated_is_exit_code_2(drive: Path, config: Path, tmp_path: Path) -> None:

@@ -228,3 +228,15 @@ def test_what_to_keep_in_mind_names_the_law_only_where_its_numbers_are_named() -
     assert caveats(document(notes=["dry_sand.k is at its bound"]))[-1].startswith("The law:")
     small = caveats(document(verdict="insufficient_data"))
     assert not any("held out" in note for note in small)
+
+
+def test_how_one_share_of_error_belongs_to_several_channels_is_explained_where_there_are_several() -> (
+    None
+):
+    one = effect("slip_sinkage", status="significant", held_out_rmse={"sinkage": 0.001})
+    two = effect(
+        "multipass", status="confounded", held_out_rmse={"sinkage": 0.001, "resistance": 1.0}
+    )
+    for rows, explained in (([one], False), ([one, two], True)):
+        text = " ".join("\n".join(lines(ranking_blocks(document(ranking=rows)))).split())
+        assert ("root mean square" in text) == explained

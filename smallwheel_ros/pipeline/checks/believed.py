@@ -56,19 +56,19 @@ class Trust:
     Attributes
     ----------
     variance
-        Of the speed, m^2/s^2.
+        Variance of the speed, m^2/s^2.
     lag
-        How much later the speed comes than the motion of the wheels, or may come, s.
+        Delay, or possible delay, of the speed against the motion of the wheels, s.
     of_wheels
         Whether the speed is computed from the wheels.
     may_be
-        Whether that is still unknown.
+        Whether that is not known yet, so that it may be.
     since
-        How long the message has been the same, s.
+        Time for which the message has repeated itself, s.
     way
-        Path of the rims meanwhile, m.
+        Path of the rims in that time, m.
     mean
-        How long before its stamp the speed holds, s.
+        Time before its stamp at which the speed holds, s.
     """
 
     variance: Array
@@ -99,9 +99,9 @@ class BelievedRows:
     Attributes
     ----------
     settings
-        Of the vehicle.
+        Settings of the vehicle.
     rules
-        For how long after its stamp a value is used.
+        Rules for stamps: among others, how long a value is held.
     streams
         Raw rows by stream, as kept.
     moves
@@ -110,7 +110,7 @@ class BelievedRows:
     felt
         Rows of the imu, z up, (rows, 7).
     trusted
-        What has been learnt of the speed with each of its messages, (rows, 11).
+        What had been learnt about the speed by each of its messages, (rows, 11).
     doubted
         Which streams are doubted, each from a stamp on.
     since, done
@@ -315,7 +315,7 @@ class BelievedRows:
         return np.asarray(np.minimum(self.moves.periods(moves)[row], self.rules.widest))
 
     def motion_anew(self) -> list[int]:
-        """The stamps of `anew` at which a stream of motion (ground speed, rims, imu) was the cause."""
+        """Those stamps of `anew` whose cause was a stream of motion: ground speed, rims or imu."""
         tells = {
             self.source,
             IMU,

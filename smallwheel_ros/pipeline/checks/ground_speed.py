@@ -78,16 +78,16 @@ class Known:
     Attributes
     ----------
     share
-        By which share of the way an odometry computed from the wheels departs from a multiple of the rims';
-        NaN for an odometry of its own.
+        For an odometry computed from the wheels, share of the way by which it differs from a multiple of the
+        rims'; NaN for an independent one.
     no_twist
-        Way by the pose while no twist has come, m; NaN once one has.
+        Distance by the pose while no twist has come, m; NaN once one has.
     down
         Whether z of the imu points down.
     against
-        Way that ran against the rims, m, if that is nearly all of it; else 0.
+        Distance driven against the rims, m, if that is nearly all of it; else 0.
     slides
-        Whether nearly all of it did, and the vehicle may be sliding down a slope.
+        Whether nearly all of the distance was, but the vehicle may be sliding down a slope.
     """
 
     share: float = math.nan

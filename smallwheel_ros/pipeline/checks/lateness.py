@@ -69,9 +69,10 @@ class Lag:
         Parameters
         ----------
         late
-            What may come late, shape (rows,).
+            Change of the speed that may come late, shape (rows,).
         early
-            What it may follow, `LAGS` before each row, shape (rows, lags), same unit.
+            Change of the motion that it may follow, at each of `LAGS` before each row, shape (rows, lags),
+            same unit.
 
         Returns
         -------
@@ -168,17 +169,17 @@ class Against:
     def take(
         self, rims: Array, turn: Array, speed: Array, passed: Array, rise: Array, felt: Array
     ) -> tuple[Array, Flags]:
-        """Way that ran against the rims up to each row, and whether it may have been a slide.
+        """Distance driven against the rims up to each row, and whether it may have been a slide.
 
         Parameters
         ----------
         rims
-            Their mean speed, shape (rows,), m/s.
+            Mean speed of the rims, shape (rows,), m/s.
         turn
             Half of right minus left rims, shape (rows,), m/s; NaN without sides. Rows on which one side
             turns backward are not judged.
         speed
-            Over ground, shape (rows,), m/s.
+            Speed over ground, shape (rows,), m/s.
         passed
             Time for which each row counts, shape (rows,), s.
         rise

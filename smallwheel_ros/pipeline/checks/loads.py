@@ -38,7 +38,10 @@ class HeldColumn:
         self.ways, self.counts = ([Run() for _ in vehicle.names] for _ in range(2))
 
     def take(self, window: Window) -> list[Said]:
-        """A repeated zero counts like any other repeated number."""
+        """Process a span; return what the rule reports.
+
+        A repeated zero counts like any other repeated number.
+        """
         table, found = getattr(window, f"{self.what}s"), []
         if table is None or window.rims is None:
             return []
@@ -67,7 +70,10 @@ class Weight:
         self.each = Medians()
 
     def take(self, window: Window) -> list[Said]:
-        """Judged after the first metre."""
+        """Process a span; return what the rule reports.
+
+        It is judged after the first metre.
+        """
         table, vehicle = window.loads, self.vehicle
         if table is None or not vehicle.mass > 0.0:
             return []
@@ -110,7 +116,10 @@ class Swapped:
         self.count, self.sums, self.products = 0, np.zeros(2 * n), np.zeros((2 * n, 2 * n))
 
     def take(self, window: Window) -> list[Said]:
-        """A piece of path is used two pieces later, when no row of it is missing any more."""
+        """Process a span; return what the rule reports.
+
+        A piece of path is used two pieces later, when no row of it is missing any more.
+        """
         if window.loads is None or window.sinkages is None or window.rims is None:
             return []
         for row, table in ((0, window.loads), (2, window.sinkages)):
@@ -173,7 +182,10 @@ class Impossible:
         self.middles = [Medians() for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """Judged after the first metre."""
+        """Process a span; return what the rule reports.
+
+        It is judged after the first metre.
+        """
         table, found = window.sinkages, []
         if table is None or window.rims is None:
             return []
@@ -204,11 +216,11 @@ def impossible_soil(k: float, n: float, m: float, width: float) -> str:
     Parameters
     ----------
     k
-        Pa m^-(n + m).
+        Modulus, Pa m^-(n + m).
     n, m
         Exponents of sinkage and size, 1.
     width
-        Of the wheel, m.
+        Width of the wheel, m.
 
     Returns
     -------

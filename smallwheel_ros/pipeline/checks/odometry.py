@@ -41,7 +41,10 @@ class NoTwist:
     """Path by the pose while every twist is 0."""
 
     def take(self, window: Window) -> list[Said]:
-        """Reported while no twist has come at all."""
+        """Process a span; return what the rule reports.
+
+        It reports while no twist has come at all.
+        """
         way = window.memory.known.no_twist
         text = (
             "the odometry has no twist (0 throughout while its pose moves): its speed is taken from"
@@ -54,7 +57,10 @@ class ZDown:
     """Whether most rows of the imu have z pointing down; all rules then read its gyro turned over."""
 
     def take(self, window: Window) -> list[Said]:
-        """Reported while z points down."""
+        """Process a span; return what the rule reports.
+
+        It reports while z points down.
+        """
         text = (
             "z of the imu looks down: it is turned over; publish it in base_link's axes for others"
         )
@@ -68,7 +74,10 @@ class RepeatedTwists:
         self.source, self.run = source, Run()
 
     def take(self, window: Window) -> list[Said]:
-        """A source that is 0 throughout is not judged: none of its messages moves."""
+        """Process a span; return what the rule reports.
+
+        A source that is 0 throughout is not judged: none of its messages moves.
+        """
         rows = window.imu if self.source == IMU else window.odometry
         if rows is None or window.rims is None or not np.nan_to_num(rows.x).any():
             return []
@@ -88,7 +97,10 @@ class OfWheelsRule:
     """Whether the odometry is computed from the wheels; then no other rule uses it as evidence."""
 
     def take(self, window: Window) -> list[Said]:
-        """Its positions stay in use."""
+        """Process a span; return what the rule reports.
+
+        Positions of such an odometry stay in use.
+        """
         known = window.memory.known
         if not known.of_wheels:
             return []
@@ -111,7 +123,10 @@ class Late:
         self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
 
     def take(self, window: Window) -> list[Said]:
-        """Sums products for each lag while the wheels of each side agree: a spinning one runs ahead."""
+        """Process a span; return what the rule reports.
+
+        Products are summed for each lag, while the wheels of each side agree: a spinning one runs ahead.
+        """
         moves, step = window.moves, self.STEP
         if window.rims is None or len(moves.t) < 3 or window.memory.known.of_wheels:
             return []
@@ -165,7 +180,10 @@ class Jumps:
         self.count, self.most = 0, 0.0
 
     def take(self, window: Window) -> list[Said]:
-        """Gaps of 1 s or more are not judged."""
+        """Process a span; return what the rule reports.
+
+        Gaps of 1 s or more are not judged.
+        """
         o = window.odometry
         if o is None or window.rims is None:
             return []
@@ -194,7 +212,10 @@ class FeltGravity:
         self._seconds, self._sum = 0.0, np.zeros(3)
 
     def take(self, window: Window) -> list[Said]:
-        """An imu that also gives an orientation stays in use, because the slope is taken from that."""
+        """Process a span; return what the rule reports.
+
+        An imu that also gives an orientation stays in use, because the slope is taken from that.
+        """
         imu = window.imu
         if imu is None:
             return []
@@ -224,7 +245,10 @@ class Tilt:
         )  # of a stand that is not over: begin, end, heading; count, ahead, left
 
     def take(self, window: Window) -> list[Said]:
-        """A standstill of over a second counts once it has ended."""
+        """Process a span; return what the rule reports.
+
+        A standstill of over a second counts once it has ended.
+        """
         imu, moves = window.imu, window.moves
         if imu is None or window.rims is None or len(moves.t) < 3:
             return []

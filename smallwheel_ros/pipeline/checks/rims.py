@@ -36,7 +36,10 @@ class Mirrored:
         self.total, self.against = np.zeros((2, len(self.names)))
 
     def take(self, window: Window) -> list[Said]:
-        """Wheels that turn on the spot or spin are not judged."""
+        """Process a span; return what the rule reports.
+
+        Wheels that turn on the spot or spin are not judged.
+        """
         m = window.motion
         if m is not None:
             rows = m.inside & m.straight
@@ -73,7 +76,10 @@ class Dead:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """Rows that are not judged neither extend a run of zeros nor end it."""
+        """Process a span; return what the rule reports.
+
+        Rows that are not judged neither extend a run of zeros nor end it.
+        """
         m, found = window.motion, []
         if m is None:
             return []
@@ -104,7 +110,10 @@ class Held:
         self.most = np.zeros(len(vehicle.names))
 
     def take(self, window: Window) -> list[Said]:
-        """Coarse encoders all repeat at a steady speed; then none is judged."""
+        """Process a span; return what the rule reports.
+
+        Coarse encoders all repeat at a steady speed; then none is judged.
+        """
         rims, found = window.rims, []
         if rims is None:
             return []
@@ -143,7 +152,10 @@ class TurnRule:
         self.each = [(RunningAgreement(TURN), RunningAgreement(TURN)) for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """A vehicle with wheels on one side only is not judged."""
+        """Process a span; return what the rule reports.
+
+        A vehicle with wheels on one side only is not judged.
+        """
         m = window.motion
         if m is None or not (self.left.any() and self.right.any()):
             return []
@@ -201,7 +213,11 @@ class AnotherUnit:
         self.ordinary = False
 
     def take(self, window: Window) -> list[Said]:
-        """Judges joints whose speeds come without positions; nothing else is there to compare these with."""
+        """Process a span; return what the rule reports.
+
+        Only joints whose speeds come without positions are judged: there is nothing else to compare these
+        with.
+        """
         m, known = window.motion, window.memory.known
         if m is None or self.ordinary or known.of_wheels or ODOMETRY in window.memory.doubted:
             return []
@@ -244,7 +260,10 @@ class RollingAll:
         self.felt, self.count, self._level = 0.0, 0, LEVEL * vehicle.gravity
 
     def take(self, window: Window) -> list[Said]:
-        """Driven wheels do not skid on level ground: a ratio below 1 is not slip, a larger one may be."""
+        """Process a span; return what the rule reports.
+
+        Driven wheels do not skid on level ground: a ratio below 1 is not slip, a larger one may be.
+        """
         m, imu, n = window.motion, window.imu, len(self.y)
         if imu is not None:
             felt = imu.x[imu.inside & ~imu.stale, AHEAD]
@@ -296,7 +315,10 @@ class RollingPair:
         self.pairs = {pair: Pieces(ROLL_PIECE, 2) for pair in pairs}
 
     def take(self, window: Window) -> list[Said]:
-        """A wrong radius gives the same ratio on each metre; slip does not."""
+        """Process a span; return what the rule reports.
+
+        A wrong radius gives the same ratio on each metre; slip does not.
+        """
         m, found = window.motion, []
         if m is None:
             return []

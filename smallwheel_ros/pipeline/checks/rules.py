@@ -114,15 +114,15 @@ class Rule:
     Attributes
     ----------
     rows
-        Which rows it uses.
+        In words, the rows that it uses.
     statistic
-        What it computes from them.
+        In words, what it computes from these rows.
     limit
         Value of the statistic beyond which it reports.
     reason
         Why that limit; includes the largest value on a drive whose sensors were all good.
     says
-        What may be wrong.
+        In words, what may be wrong.
     starts
         Makes the rule's `Judge` for a vehicle.
     """

@@ -39,7 +39,7 @@ _NOTHING = 1e-12  # m^2/s^2: of signs that have no part in how the vehicle moves
 
 
 class SteeringSign:
-    """For sets of wheels: residual that reversing their signs removes, and what it should if they are wrong.
+    """For sets of wheels, the residual that reversed signs remove, and what they would if that were right.
 
     removed, expected : sums over spans of squares (m^2/s^2), and of their products.
     """
@@ -59,7 +59,10 @@ class SteeringSign:
         self.way = 0.0  # m while wheels are steered
 
     def take(self, window: Window) -> list[Said]:
-        """A vehicle that turns with its wheels straight is not judged."""
+        """Process a span; return what the rule reports.
+
+        A vehicle that turns with its wheels straight is not judged.
+        """
         m, rims = window.motion, window.rims
         if m is None or rims is None or len(self.sets) < 2 or len(self.vehicle.names) < _FEWEST:
             return []

@@ -32,15 +32,15 @@ class Said:
     subject
         A wheel, or a source.
     value
-        Of the statistic.
+        Value of the statistic.
     doubts
         Streams that are not to be used.
     since
-        s from the beginning of the span; NaN: since the beginning of the drive.
+        Time at which the fault began, s from the beginning of the span; NaN: from the beginning of the drive.
     places
-        Whether only the speed of these streams is doubted, and their places are not.
+        Whether the positions in these streams stay in use, so that only their speeds are doubted.
     taught
-        Whether the soil was learnt from these streams while they were wrong, so that it starts anew.
+        Whether the soil must be learnt anew, because it was learnt from these streams while they were wrong.
     """
 
     subject: str
@@ -69,9 +69,9 @@ class Run:
         Parameters
         ----------
         flag
-            Which rows count, shape (rows,).
+            Mask of the rows that count, shape (rows,).
         amount
-            What is summed, shape (rows,).
+            Amount to be summed, shape (rows,).
         time
             Shape (rows,), s.
         """
@@ -109,7 +109,7 @@ class Pieces:
         way
             Path at each row, shape (rows,), m.
         columns
-            What is summed, shape (rows, columns).
+            Amounts to be summed, shape (rows, columns).
         """
         if not way.size:
             return
@@ -146,7 +146,7 @@ class RunningAgreement:
         a, b
             The two rates, shape (rows,), in one unit.
         dt
-            Shape (rows,), s.
+            Time for which each row counts, shape (rows,), s.
         """
         good = np.isfinite(a) & np.isfinite(b)
         a, b, dt = a[good], b[good], dt[good]
@@ -178,7 +178,7 @@ class RunningDeviation:
         Parameters
         ----------
         good
-            Which rows count, shape (rows,).
+            Mask of the rows that count, shape (rows,).
         sizes
             Absolute errors, shape (rows,).
         before
@@ -222,7 +222,7 @@ class Medians:
 
     @property
     def value(self) -> Array:
-        """One for each column; of at least one span."""
+        """The median of each column; there must have been a span."""
         return np.asarray(np.median(np.array(self._rows), axis=0))
 
 

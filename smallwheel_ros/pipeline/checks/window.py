@@ -117,11 +117,11 @@ class Source(Rows):
     inside
         Whether it lies in the span itself.
     changes
-        Which values differ, bit for bit, from the row before, (rows, columns); NaN counts as no value.
+        Mask of the values that differ, bit for bit, from the row before, (rows, columns); NaN is no value.
     same
         Whether the whole row is, bit for bit, the one before.
     stale
-        Whether it has repeated an older one for longer than `GAP`, so that it is no evidence.
+        Whether it has repeated an older row for longer than `GAP`, so that it is no evidence.
     rims
         Speeds of the rims at the row, (rows, wheels), m/s.
     way
@@ -144,9 +144,9 @@ class Source(Rows):
         Parameters
         ----------
         rows
-            Of the source.
+            Rows of the source.
         begin
-            Of the span, ns.
+            Beginning of the span, ns.
         rims, way
             Speeds (m/s) and path (m) of the rims at these rows.
         """
@@ -163,12 +163,12 @@ class Source(Rows):
 
 @dataclass
 class Memory:
-    """What earlier spans have shown that matters for reading this one.
+    """What earlier spans have shown and the rules for this span need.
 
     Attributes
     ----------
     known
-        Of odometry and imu.
+        What is known of odometry and imu.
     turns
         Whether the odometry ever had a yaw rate other than 0.
     way
@@ -184,9 +184,9 @@ class Memory:
 
 
 class Window:
-    """The rows of a span and around it; None for a source without rows.
+    """The rows of all sources in a span and around it; a source without rows is None.
 
-    begin: of the span, ns. rims: speeds at the rim, m/s.
+    begin: stamp at which the span begins, ns. rims: speeds at the rim, m/s.
     """
 
     def __init__(self, vehicle: CheckedWheels, raw: Raw, begin: int, memory: Memory) -> None:

@@ -93,7 +93,7 @@ class Sampled:
         return np.partition(windows, -2, axis=1)[: stamps.size, -2]
 
     def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
-        """For how long each value is held.
+        """Time for which each value is held.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Sampled:
         return np.clip(held, rules.gap, rules.widest)
 
     def hold(self, rules: StampRules) -> int:
-        """For how long (ns) the newest value is held."""
+        """Time (ns) for which the newest value is held."""
         newest = self.stamps[-1 - _PERIODS :]
         return int(self.gaps(newest, rules)[-1]) if newest.size else rules.gap
 
@@ -202,7 +202,7 @@ class Stream(Sampled):
         stamp
             ns, over that of the newest row.
         values
-            Of length width, SI units.
+            One value for each column (`width` of them), SI units.
         """
         self.extend(np.array([stamp]), np.array([values]))
 

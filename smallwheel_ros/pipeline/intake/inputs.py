@@ -38,11 +38,11 @@ class Topic:
     Attributes
     ----------
     type
-        Of its messages.
+        Type of its messages.
     read
         Makes rows of streams from the messages' columns and, for joint states, the joints' names.
     streams
-        Those that it gives rows of.
+        Names of the streams that its messages fill.
     joints
         For joint states: the joint that each stream belongs to.
     """

@@ -18,12 +18,12 @@ _JUMP_TOLERANCE = 1.0  # s: what goes back by less is late, by more a bag that s
 
 
 def width_of(stream: str) -> int:
-    """Values in a row of a stream, by its name."""
+    """Number of values in a row of a stream, by its name."""
     return WIDTHS[stream.rpartition("/")[2]]
 
 
 def widths_of(settings: OnboardSettings) -> dict[str, int]:
-    """Values in a row of each stream that is listened to.
+    """Number of values in a row of each stream that is used, by its name.
 
     The odometry's sideways speed is read only for vehicles that steer: others move along their heading.
     """

@@ -45,7 +45,7 @@ def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
     kind
         Kind of the stream.
     values
-        SI.
+        Values of the message's row, SI.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def flaw(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
     kind
         Kind of the stream.
     values
-        SI.
+        Values of the message's row, SI.
 
     Returns
     -------

@@ -81,16 +81,16 @@ class Streams:
         self.words: dict[tuple[str, str], str] = {}
 
     def add(self, name: str, stamp: int, values: tuple[float, ...], now: int | None = None) -> None:
-        """Keep one row, or count why not.
+        """Keep one row; a row that cannot be used is counted with the reason.
 
         Parameters
         ----------
         name
             The stream.
         stamp
-            ns.
+            Stamp of the row, ns.
         values
-            SI.
+            Values of the row, SI.
         now
             Time of the clock, ns; None without a clock.
         """

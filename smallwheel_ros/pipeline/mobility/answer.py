@@ -58,11 +58,11 @@ class OnGround(Loads):
     load, load_std
         N, without the cell's noise.
     soil_version
-        Of the soil under the wheel.
+        Version of the soil under the wheel.
     newest
-        Of the soil that the first wheels are on.
+        Version of the soil that the first wheels are on.
     strength_version
-        Of the strength.
+        Version of the strength.
     refused
         Number of measured sinkages not used up to then.
     """
@@ -91,7 +91,7 @@ class AnswerState:
     shown
         Newest measured sinkages, m.
     risk
-        Newest risk, or NaN.
+        Newest risk of getting stuck, 0 to 1, or NaN.
     slopes
         Stamps, and gravity's components ahead and to the side (m/s^2), over the last 2 s.
     """
@@ -113,7 +113,7 @@ def answer(
     Parameters
     ----------
     state
-        What is carried over a cut.
+        State carried from block to block; it is updated.
     rows
         Readings.
     judged
@@ -251,11 +251,12 @@ def _margins(
 ) -> tuple[Array, Array, Array, Array, Array, Flags, Array]:  # fmt: skip
     """Margin of each wheel, deviation, median, deviation of the lower half, what is beyond; by soil; risk.
 
-    told: whether the soil's law is measured and its strength was told of. Both margins say honestly how
-    unsure they are, so that the one with less deviation errs less: that of any ground is the mean of a belief
-    with a long upper half, and is too high for as long as little is known. measured: whether a model file has
-    the strength as measured; then the margin is the filter's from the start. beyond: gained from the
-    reference slip until the vehicle makes no way; by soil: whether the margin is the filter's.
+    told: mask of the rows for which the soil's law was measured, and its strength narrowed by some
+    measurement. Both margins say honestly how unsure they are, so that the one with less deviation errs less:
+    that of any ground is the mean of a belief with a long upper half, and is too high for as long as little
+    is known. measured: whether a model file has the strength as measured; then the margin is the filter's
+    from the start. beyond: gained from the reference slip up to the slip at which the vehicle no longer
+    moves; by soil: whether the margin is the filter's.
     """
     by_filter = told & ~(can.margin_std >= judged.margin_std)
     by_filter = (by_filter | measured) & np.isfinite(can.margin)
@@ -286,7 +287,7 @@ def _margins(
 
 
 def _known_strength(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
-    """Whether the strength of rows is determined for the present pull, and told of at all for the margin."""
+    """Whether the strength of rows is determined for the present pull, and narrowed at all for the margin."""
     kinds, index = np.unique(versions, return_inverse=True)
     believed = zip(*(strengths.believed[kind] for kind in kinds.tolist()), strict=True)
     now, reserve = (np.array([one.P for one in column]) for column in believed)

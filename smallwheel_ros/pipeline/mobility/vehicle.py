@@ -137,7 +137,7 @@ class VehicleState:
         estimates
             Estimates of the rows that were due.
         soils
-            By version.
+            Versions of the soil's law.
         """
         every = Estimates.joined([self._wheels, estimates])
         own = [soils[version].number for version in estimates.soil_version.tolist()]

@@ -38,8 +38,8 @@ _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter, among which the best 
 class Predicted(Mobility):
     """Predicted mobility; the margin is that of the strength's filter.
 
-    sunk: whether the soil fails to carry the load. beyond: pull gained from the reference slip to the
-    slip at which the vehicle makes no way, over load.
+    sunk: whether the soil fails to carry the load. beyond: pull over load gained from the reference slip to
+    the slip at which the vehicle no longer moves.
     """
 
     sunk: Flags
@@ -64,17 +64,17 @@ def mobility(
     rows
         Readings.
     load
-        Shown by the cells, without noise, shape (rows,), N, no NaN.
+        Load as the cells show it, without noise, shape (rows,), N, no NaN.
     load_std
-        Its deviation, shape (rows,), N.
+        Standard deviation of the load, shape (rows,), N.
     law
         Versions of the soil, shape (rows,).
     strength
         Versions of the strength, shape (rows,).
     soils
-        By version.
+        Versions of the soil's law.
     strengths
-        By version.
+        Versions of the strength.
     settings
         The pipeline's settings.
     """

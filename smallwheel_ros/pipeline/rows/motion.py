@@ -59,7 +59,7 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
     Parameters
     ----------
     state
-        What is carried over a cut.
+        State carried from block to block; it is updated.
     rows
         Aligned rows, in order of stamps.
     settings

@@ -37,7 +37,7 @@ class _Point(NamedTuple):
 
 
 class Passes:
-    """The tracks so far, as points in cells of the largest wheel width; takes rows in order, cut anywhere."""
+    """Counts the passes over each place, from the tracks of the vehicle's wheels so far."""
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
         self._wheels = wheels
@@ -64,7 +64,7 @@ class Passes:
         rows
             Aligned rows.
         distance
-            Of the vehicle, shape (rows,), m.
+            Distance that the vehicle has travelled, shape (rows,), m.
         onward
             Whether it goes forward, shape (rows,).
 

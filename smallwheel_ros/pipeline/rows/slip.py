@@ -27,13 +27,13 @@ def assembled_slip(
     Parameters
     ----------
     speed
-        Of the wheel's place along its heading, shape (rows,), m/s.
+        Speed of the wheel's place along its heading, shape (rows,), m/s.
     speed_std
-        Its deviation, shape (rows,), m/s.
+        Standard deviation of the speed, shape (rows,), m/s.
     rim
         Speed of the rim, shape (rows,), m/s.
     trust
-        Whether the speed is, or may be, computed from the wheels.
+        Accuracy of the speed, and whether it is, or may be, computed from the wheels.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def slip_of(
     rim, rim_std
         Speed of the rim and its deviation, shape (rows,), m/s.
     standstill
-        m/s.
+        Speed up to which a wheel counts as standing, m/s.
 
     Returns
     -------

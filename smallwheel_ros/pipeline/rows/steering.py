@@ -40,13 +40,13 @@ class SteeredRows:
     angle
         Steering angle, rad; NaN if unknown.
     speed, aside
-        Along the heading and to its left, m/s.
+        Speed along the heading and to its left, m/s.
     lever
         Factor of the yaw rate in the speed, m.
     std
-        What steering adds to the deviation of the speed, m/s.
+        Part of the speed's standard deviation that is due to steering, m/s.
     slip_angle
-        rad.
+        Direction of the wheel's motion to the left of its heading, rad.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ def speed_aside(
     Parameters
     ----------
     settings
-        Of the vehicle.
+        Settings of the vehicle.
     told
         Sideways speed as measured over ground, shape (rows,), m/s; NaN where it is not measured.
     ahead

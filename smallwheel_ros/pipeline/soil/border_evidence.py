@@ -42,7 +42,7 @@ class Border(NamedTuple):
     Attributes
     ----------
     place
-        From where on the soil is another, m.
+        Place at which the second soil begins, m along the path.
     shift
         Change of ln k there.
     suspected

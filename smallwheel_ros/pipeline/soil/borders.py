@@ -85,15 +85,15 @@ class Soils:
     Attributes
     ----------
     versions
-        Of the law, the newest last.
+        Versions of the law, the newest last.
     changes
         How many borders were found.
     accepted, outliers
         Readings used, and readings left out of their stretch's mean.
     mass
-        Of the vehicle, kg; 0: unknown.
+        Mass of the vehicle, kg; 0: unknown.
     gravity
-        m/s^2.
+        Acceleration of gravity, m/s^2.
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class Soils:
     def take(
         self, closed: Stretches | None, rows: Readings, anew: Sequence[int] = ()
     ) -> tuple[Integers, Integers]:
-        """Use the stretches that close in these rows; those of one period together.
+        """Update the soils with the stretches that close in these rows; those of one period together.
 
         Parameters
         ----------
@@ -427,9 +427,9 @@ class Soils:
         saved
             Reference wheel, mean and covariance.
         variety
-            Of the wheels it was measured with.
+            Ranges of the wheels and loads it was measured with.
         accepted
-            Measurements in it.
+            Number of measurements that it rests on.
         """
         law = SoilFilter(self.prior, self.settings, self.effects, self.wheels, saved.reference)
         law.resume(saved.mean, saved.covariance, _SETTLED)

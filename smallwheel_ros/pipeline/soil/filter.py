@@ -145,7 +145,7 @@ class Member:
         Parameters
         ----------
         loads
-            Of all wheels, shape (wheels,), N.
+            Loads of all wheels, shape (wheels,), N.
         weight, weight_std
             Weight and its deviation, N.
         """
@@ -171,9 +171,9 @@ class SoilFilter:
     Attributes
     ----------
     mean, covariance
-        Of the state of `law`, shape (size,) and (size, size).
+        Mean and covariance of the state of `law`, shape (size,) and (size, size).
     law
-        ln pressure at the soil's reference, n and m, and their slopes by mean.
+        (ln pressure at the soil's reference, n, m), and their slopes by `mean`.
     used
         Number of stretches of this soil that were used.
     settled
@@ -363,7 +363,7 @@ class SoilFilter:
 
     @property
     def widest(self) -> Array:
-        """Mean of the eleven filters in which the zero may be wrong."""
+        """Mean state of the eleven filters in which the sinkage sensors' zero may be wrong."""
         wide = self._weights[1:] / self._weights[1:].sum()
         return np.asarray(wide @ [member.x for member in self.bank[1:]])
 
@@ -375,7 +375,7 @@ class SoilFilter:
         return self.widest, self._of_wide(self.widest)
 
     def innovations(self, rows: Stretches) -> tuple[Array, Array, Array, Array]:
-        """Innovations of stretches: miss, variance by the state and in all (m^2), slope by ln load."""
+        """Innovations of stretches (m), variances by the state and in all (m^2), slopes by ln load (m)."""
         mean, covariance = self.likeliest
         shown = self.model.h(mean, rows)
         state = np.einsum("ri,ij,rj->r", shown.H, covariance, shown.H)
@@ -383,7 +383,7 @@ class SoilFilter:
         return rows.sinkage - shown.value, state, state + alone, shown.by_load
 
     def together(self, rows: Stretches) -> tuple[Array, Array, Array]:
-        """Joint innovation of many stretches: miss (m), their covariance (m^2), slope by ln load."""
+        """Innovations of many stretches together (m), their covariance (m^2), and slopes by ln load (m)."""
         shown = self.model.h(self.mean, rows)
         _, counts, _ = self.scatter.noise(rows, shown)
         covariance = shown.H @ self.covariance @ shown.H.T + np.diag(counts)
@@ -478,7 +478,7 @@ class SoilFilter:
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
         """Use the vehicle's weight: the sum that the loads of all wheels should have.
 
-        The weight also held earlier: where all stretches of this soil are still stored, they are used again
+        It has also been true earlier: if all stretches of this soil are still stored, they are used again
         with it.
 
         Parameters

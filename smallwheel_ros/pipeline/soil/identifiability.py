@@ -55,7 +55,7 @@ class Variety:
         Parameters
         ----------
         diameter
-            m.
+            Diameter of the wheel, m.
         loading
             Load over width, N/m.
         """
@@ -81,13 +81,13 @@ class SoilEstimate:
     log_pressure
         ln of the pressure (Pa) at `reference_sinkage` under a wheel of `reference_diameter`.
     log_covariance
-        Of (log_pressure, n, m), shape (3, 3): the one to compute with.
+        Covariance of (log_pressure, n, m), shape (3, 3): the one to compute with.
     prior_covariance
         `log_covariance` as it was before the first measurement.
     reference_sinkage, reference_diameter
         m.
     variety
-        Of the accepted measurements.
+        Ranges of diameter and load over the accepted measurements.
     accepted, outliers
         Number of measurements that updated the estimate, and of those that did not fit it.
     soil_changes
@@ -231,7 +231,7 @@ def seen_as(slopes: Array, covariance: Array) -> Array:
     slopes
         Shape (rows, size).
     covariance
-        Of x, shape (size, size).
+        Covariance of x, shape (size, size).
 
     Returns
     -------

@@ -58,7 +58,7 @@ _GROUPS = (
 
 @dataclass(frozen=True, eq=False)
 class StateBelief:
-    """Estimated errors of sensors and ground: the filter's state except for the soil's own parameters.
+    """Estimated errors of sensors and ground: the filter's state apart from the soil's own parameters.
 
     slopes: of (ln pressure at the reference, n, m) by the state, (3, size). mean, covariance: of the state.
     """

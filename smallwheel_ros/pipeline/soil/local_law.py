@@ -43,15 +43,15 @@ class Version:
     Attributes
     ----------
     model
-        None before any stretch.
+        The model of the state; None before any stretch.
     law, slopes
         ln pressure at the soil's reference, n and m, and their slopes by `mean`.
     mean, covariance
-        Of the soil's state (`law`); before any stretch of the law alone.
+        Mean and covariance of the soil's state (`law`); before any stretch of the law alone.
     scatter
         Variances of ln k and of sinkage from place to place.
     number
-        Of the soil, in the order in which soils were found.
+        Number of the soil, in the order in which soils were found.
     settled, doubt
         See `SoilEstimate`.
     accepted, outliers
@@ -60,9 +60,9 @@ class Version:
         Where this soil begins along the vehicle's path, m; wheels that have not reached it are on version
         `old`.
     variety
-        Of the stretches used.
+        Ranges of diameter and load over the stretches used.
     missing, missed_variance
-        Effect that the model misses, and the variance of ln k due to that; `scatter` includes it.
+        Effect that the model lacks, and the variance of ln k due to that; `scatter` includes it.
     changes
         How many borders were found up to here.
     distance
@@ -100,7 +100,7 @@ class LocalLaws(Columns):
     log_scale, zero
         ln of the load cell's scale; its zero, N.
     covariance
-        Of the law, and of ln load due to the scale and, per N^-1, to the zero, (rows, 5, 5).
+        Covariance of the law, and of ln load due to the scale and, per N^-1, to the zero, (rows, 5, 5).
     """
 
     law: Array
@@ -134,13 +134,13 @@ def local_laws(
     Parameters
     ----------
     versions
-        Of the soil.
+        Versions of the soil's law.
     wheels
         All wheels.
     rows
         Readings.
     version
-        Of each row, shape (rows,).
+        Number of each row's version, shape (rows,).
     """
     count = version.size
     law, scale, zero = np.empty((count, 3)), np.zeros(count), np.zeros(count)
@@ -179,11 +179,11 @@ def sinkages(
     Parameters
     ----------
     versions
-        Of the soil.
+        Versions of the soil's law.
     rows
         Wheels with their loads, slips and passes.
     version
-        Of each row, shape (rows,).
+        Number of each row's version, shape (rows,).
 
     Returns
     -------

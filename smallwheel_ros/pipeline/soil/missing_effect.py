@@ -103,7 +103,7 @@ class MissingEffect:
     distance
         Travel at which the alarm was raised, m.
     message
-        The same for people.
+        The alarm in words.
     log_modulus_std
         Deviation of ln k from place to place due to the missing effect, by which every prediction is
         uncertain until the effect is in the model.
@@ -137,17 +137,17 @@ class MissingEffectWatch:
     Attributes
     ----------
     effects
-        Of the model.
+        Effects of the model.
     length
-        Of a stretch, m.
+        Length of a stretch, m.
     prior
-        Whose strength, name and geometry are used with the laws tried.
+        Prior of the soil: the laws that are tried have its strength, name and geometry.
     alarm
         The effect that is missing; None while there is no alarm.
     scores
-        Of the newest test, the best first.
+        Results of the newest test, the best first.
     missed_variance
-        Of ln k, allowed for while a missing effect is suspected.
+        Variance of ln k that is allowed for while a missing effect is suspected.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class MissingEffectWatch:
         rows
             The stretches.
         law
-            Gives k, n and m from before these stretches.
+            Returns k, n and m as they were before these stretches.
         """
         rows = rows.take(self._rolls[rows.wheel])
         if not len(rows):
@@ -343,7 +343,7 @@ class Changes(NamedTuple):
     later, earlier
         Indices of the two stretches of each pair, shape (pairs,).
     deviation
-        Of each change in ln sinkage, shape (pairs,), up to a common factor.
+        Deviation of each change in ln sinkage, shape (pairs,), up to a common factor.
     """
 
     log_sinkage: Array

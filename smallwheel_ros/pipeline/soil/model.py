@@ -200,9 +200,9 @@ class LawModel:
     reference
         Load (N), diameter and width (m) of the wheel that u belongs to.
     mean, soil_covariance
-        Of the state before any measurement.
+        Mean and covariance of the state before any measurement.
     unnamed_covariance
-        The same if the soil may be another than the named one.
+        Covariance before any measurement if the soil may be another than the named one.
     """
 
     def __init__(
@@ -253,7 +253,7 @@ class LawModel:
         return whole
 
     def drift(self, law: float, side: float, border: float) -> tuple[Array, Array]:
-        """F and Q of the prediction over a distance.
+        """Transition matrix F and process noise Q of the filter's prediction over a distance.
 
         Parameters
         ----------
@@ -394,7 +394,7 @@ def reference_wheel(
     wheels
         All wheels.
     prior
-        Of the soil.
+        Prior of the soil.
 
     Returns
     -------

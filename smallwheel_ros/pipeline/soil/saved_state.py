@@ -42,7 +42,7 @@ class SoilRecord:
     reference
         Load (N), diameter and width (m) of the reference wheel.
     mean, covariance
-        Of the soil's state (`law`), shape (WHEELS,) and (WHEELS, WHEELS).
+        Mean and covariance of the soil's state (`law`), shape (WHEELS,) and (WHEELS, WHEELS).
     """
 
     reference: tuple[float, float, float]
@@ -81,7 +81,7 @@ def state_bytes(
     Parameters
     ----------
     state
-        What is saved.
+        State to be saved.
     prior
         Prior used in the estimate.
     effects
@@ -122,7 +122,7 @@ def write_state(path: Path, content: bytes, beside: Mapping[Path, bytes]) -> Non
     path
         The file.
     content
-        Its bytes.
+        Bytes of the file.
     beside
         Bytes of the other files, by path.
 

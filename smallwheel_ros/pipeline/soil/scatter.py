@@ -59,7 +59,7 @@ class SoilScatter:
         rows
             The stretches.
         shown
-            Their sinkages by the model.
+            Sinkages of the stretches by the model.
 
         Returns
         -------

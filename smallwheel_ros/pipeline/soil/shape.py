@@ -42,7 +42,7 @@ def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
     law
         The filter.
     doubted
-        Whether earlier stretches of this soil did contradict it.
+        Whether earlier stretches of this soil contradicted it.
 
     Returns
     -------

@@ -48,7 +48,7 @@ class WheelsUnderLoad(Columns):
     load
         N, without its cell's noise.
     load_variance
-        Of ln load, due to that noise.
+        Variance of ln load, due to that noise.
     load_rate
         d ln load / dt, 1/s.
     slip, speed
@@ -80,7 +80,7 @@ class Stretches(WheelsUnderLoad):
     pitch
         rad.
     place
-        Of the wheel along the vehicle's path, m.
+        Place of the wheel along the vehicle's path, m.
     count, dropped
         Number of readings in the mean, and left out.
     low, high, step
@@ -108,7 +108,7 @@ def length_of(wheel: Wheel) -> float:
 
 @dataclass(frozen=True)
 class _StretchRows(Columns):
-    """What a stretch is made of: columns of `Readings`."""
+    """The columns of `Readings` from which a stretch is computed."""
 
     stamp: Integers
     sinkage: Array
@@ -180,7 +180,7 @@ def stretches(
     Parameters
     ----------
     state
-        What is carried over a cut.
+        State carried from block to block; it is updated.
     rows
         Readings.
     settings

@@ -27,17 +27,18 @@ class OnSoil(Columns):
     Attributes
     ----------
     covariance
-        Of sinkage, the two resistances and ln load, due to law, place (ln k) and load, (rows, 4, 4).
+        Covariance of sinkage, the two resistances and ln load, due to law, place (ln k) and load, (rows, 4,
+        4).
     own
-        The part of it that is the wheel's own.
+        The part of `covariance` that is each wheel's own, (rows, 4, 4).
     shown
-        Sinkage as its sensor shows it, m.
+        Sinkage as a sensor would show it, m.
     exponent, diameter
         n and m under the effects.
     reaching
         Part of the load that the soil carries under the effects, N.
     factor
-        Of the effects on thrust.
+        Factor of the effects on the thrust.
     slip, speed
         Values that effects have read; NaN where none does.
     sunk
@@ -101,7 +102,7 @@ def on_soil(
     slip: Array | None = None, speed: Array | None = None, strength: Strength | None = None,
     geometry: Geometry = "contact_integral",
 ) -> OnSoil:  # fmt: skip
-    """Place wheels on their soils: sinkage and resistances.
+    """Sinkage and resistances of wheels on their soils.
 
     Parameters
     ----------

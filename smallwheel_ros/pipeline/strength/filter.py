@@ -120,7 +120,7 @@ class StrengthFilter:
         Parameters
         ----------
         distance
-            m.
+            Distance driven, m.
         forward
             Whether the vehicle goes forward.
         slip_std
@@ -154,7 +154,7 @@ class StrengthFilter:
         kalman.predict()
 
     def level(self, zero: Array | None, drag: float) -> None:
-        """Use what has been learnt of the IMU's zero since the last call.
+        """Update the IMU's zero with what has been learnt about it since the last call.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class StrengthFilter:
         self.kalman.P[:STRENGTH, :STRENGTH] = known[1]
 
     def hand_over(self) -> None:
-        """Move to a soil not met before: half of the variance is that of the new site."""
+        """Move to a soil not met before, of whose variance half is that of a new site."""
         mean, covariance = self.strength
         left = (1.0 - _ONE_SITE**2) * np.diag(np.square(self.prior_std))
         off = mean - self.prior_mean
@@ -337,7 +337,7 @@ def bounded(x: Array, prior: Array) -> Array:
 
 
 def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
-    """The information by which a value and its deviation differ from an earlier pair.
+    """The information that leads from a value and its deviation to a later pair.
 
     Parameters
     ----------

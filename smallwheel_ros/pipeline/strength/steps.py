@@ -67,7 +67,7 @@ class Steps:
     end
         Stamp of the row that ends each step, shape (steps,), ns.
     length
-        Shape (steps,), m.
+        Length of each step, shape (steps,), m.
     force
         Specific force along the direction of travel, m/s^2, NaN if unknown; with its deviation.
     level
@@ -138,13 +138,13 @@ def steps(
     Parameters
     ----------
     state
-        What is carried over a cut.
+        State carried from block to block; it is updated.
     rows
         Readings.
     load, load_std
-        Load without noise and its deviation, shape (rows,), N.
+        Load without noise and its standard deviation, shape (rows,), N.
     version
-        Of the soil, shape (rows,).
+        Version of the soil at each row, shape (rows,).
     soils
         The soils by version.
     settings

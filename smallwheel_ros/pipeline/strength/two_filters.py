@@ -29,7 +29,7 @@ RECENT = 2.0  # s: a step that ended longer ago says nothing of now
 
 
 def of_any_ground(strength: Strength) -> Strength:
-    """Strength that a margin starts from if only the kind of soil is known.
+    """Strength from which the estimate of a margin starts, if only the kind of soil is known.
 
     The gain of a wheel that slips and sinks further rests on cohesion times an area that it has not met
     yet, and soils of one name differ most in cohesion (dry sand 0.2 to 2.3 kPa). The cohesion is
@@ -89,7 +89,7 @@ class Strengths:
         self.excitation = Excitation()
 
     def take(self, steps: Steps, anew: Sequence[int] = ()) -> Integers:
-        """Use steps for the strength.
+        """Update the strength with steps.
 
         Parameters
         ----------

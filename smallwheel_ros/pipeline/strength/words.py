@@ -44,9 +44,9 @@ class StrengthEstimate:
     steps
         Number of steps of the path used; 0: the strength is the configured one.
     sources
-        Those of balance, torque and pull that have measured it.
+        Which of balance, torque and pull have measured it.
     remaining
-        Ratio of posterior to prior standard deviation of each, and of `thrust`.
+        Ratio of posterior to prior standard deviation of each of these by name, and of `thrust`.
     status
         What is not determined and why, in words; empty if everything is.
     """
@@ -150,7 +150,7 @@ def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, 
     sources
         Sources that are in use.
     mass
-        Of the vehicle, kg; 0 if not given.
+        Mass of the vehicle, kg; 0 if not given.
     torque
         Whether torque is measured.
     """

@@ -110,7 +110,7 @@ def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
     Parameters
     ----------
     state
-        What is carried over a cut.
+        State carried from block to block; it is updated.
     rows
         All rows of each stream since the last call, up to one stamp; NaN where doubted.
     anew
@@ -188,7 +188,7 @@ def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array
     rows
         The twists.
     settings
-        With the time for which errors of slip last.
+        Settings, with the time for which errors of slip are correlated.
 
     Returns
     -------

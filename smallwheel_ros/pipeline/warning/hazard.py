@@ -87,7 +87,7 @@ class Instants(Columns):
         Speeds of the wheels' rims and over ground, (rows, wheels), m/s. On a vehicle that steers, their
         components along its course.
     speed
-        Of the vehicle, m/s.
+        Speed of the vehicle, m/s.
     rise
         Sine of the slope, nose up.
     felt
@@ -124,7 +124,7 @@ class Warned(Columns):
     level
         0: none; 1: may get stuck; 2: gets stuck (the rolling wheels dig in).
     told
-        The level at the instant at which its warning is to be given, else 0.
+        The level, at the one instant at which its warning is to be issued; else 0.
     """
 
     stamp: Integers
@@ -442,7 +442,7 @@ def risk_of(risk: Array, level: Integers) -> Array:
     Parameters
     ----------
     risk
-        By the margin, shape (rows,), 0 to 1; NaN where not known.
+        Probability of getting stuck by the margin alone, shape (rows,), 0 to 1; NaN where not known.
     level
         0, 1 or 2, shape (rows,).
 

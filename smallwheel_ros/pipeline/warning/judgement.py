@@ -38,13 +38,13 @@ class Judged(Columns):
     Attributes
     ----------
     margin, margin_std
-        1, here.
+        Margin at this place and its standard deviation, 1.
     median, lower_std, beyond
-        Of ground like this, as given by `GroundMargin.ahead`.
+        Belief about ground like this, as given by `GroundMargin.ahead`.
     asked
         Pull over load that the vehicle continues to need.
     risk
-        Probability that such ground does not give it; NaN if unknown.
+        Probability that such ground does not give `asked` at any slip; NaN if unknown.
     """
 
     level: Integers
@@ -66,9 +66,9 @@ class Judgement:
     warned
         State of the warning in the newest turn; None if no tenth of a second has ended.
     instants
-        Those tenths.
+        The instants of `warned`.
     stuck
-        At which of them the rims turn and the vehicle does not move.
+        At which of `instants` the rims turn and the vehicle does not move.
     """
 
     def __init__(self, settings: OnboardSettings) -> None:

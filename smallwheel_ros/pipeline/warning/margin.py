@@ -76,7 +76,7 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 
 
 def information(deviation: Array | float, reference_slip: float) -> Array:
-    """Share of what can be known of a margin beyond what holds on any ground, 0 to 1; NaN where NaN.
+    """Share of what can be known of a margin that is known, beyond any ground's, 0 to 1; NaN where NaN.
 
     Parameters
     ----------
@@ -139,9 +139,9 @@ class GroundMargin:
     Attributes
     ----------
     logs
-        Logarithms of the weights due to slips at the pulls that were needed.
+        Logarithms of the points' weights by the slips at the pulls that were needed.
     crossed
-        The same due to the metres crossed.
+        Logarithms of the points' weights by the metres crossed.
     reference_slip
         Slip at which the margin is defined, 1.
     """
@@ -172,7 +172,7 @@ class GroundMargin:
         self.crossed *= kept
 
     def cross(self, metres: float, asked: float) -> None:
-        """Use the fact that the vehicle crossed a path.
+        """Update the belief with the fact that the vehicle has crossed a path.
 
         Parameters
         ----------
@@ -184,7 +184,7 @@ class GroundMargin:
         self.crossed += metres * log_ndtr((self._most - asked) / AHEAD)
 
     def update(self, slip: float, deviation: float, pull: float, way: float) -> None:
-        """Use the mean slip over a second at the pull that was needed.
+        """Update the belief with the mean slip over a second, at the pull that was needed.
 
         Parameters
         ----------
