@@ -61,8 +61,8 @@ class LawPrediction:
 class Fold:
     """The training data of a law.
 
-    points: of the whole table. seen: which of these the law is fitted to, shape (values,). others: the
-    training rows of the table.
+    points: those of the whole table. seen: mask of those that the law is fitted to, shape (values,). others:
+    the training rows of the table.
     """
 
     points: Points

@@ -21,8 +21,8 @@ _POINTS = 60
 class ResistanceRatio:
     """Measured resistance over load, and the lines that compaction alone would give whatever k and m are.
 
-    rows: of the table; x, y: their coordinates; soil: its name. line_x, lines: the lines of compaction,
-    by n.
+    rows: numbers of the table's rows; x, y: their coordinates; soil: the name of each one's soil. line_x,
+    lines: the lines of compaction, by n.
     """
 
     rows: NDArray[np.intp]

@@ -92,7 +92,10 @@ def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
 
 
 class _Rise(NamedTuple):
-    """How sinkage follows the load. times: that the load rises; power: of the load that the sinkage has."""
+    """How sinkage follows the load.
+
+    times: factor by which the load rises; power: power of the load by which the sinkage does.
+    """
 
     times: float
     power: float
@@ -215,7 +218,8 @@ def _furthest(
 ) -> tuple[int, float, bool]:
     """The value whose run is furthest off under a scatter, by how much, and whether it does not belong.
 
-    least: of the robust deviation, in those of the scatter. -1 where no channel has enough runs.
+    least: lower limit of the robust deviation, in deviations of the scatter. -1 where no channel has enough
+    runs.
     """
     points = fitter.points
     s = fitter.variance.covariance(scatter, fit.stiffness, fit.taken_up)

@@ -135,7 +135,7 @@ TAKEN_OUT = "taken out of the competition"  # why a family does not compete: the
 class Field:
     """The competitors, and the families that this data cannot test, with the reason for each.
 
-    kinds: of every family. columns: settings that effects can follow (`independent`).
+    kinds: the kind of every family. columns: settings that effects can follow (`independent`).
     """
 
     competitors: tuple[Competitor, ...]

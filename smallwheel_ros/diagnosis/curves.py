@@ -46,7 +46,7 @@ _LEGENDRE: tuple[Callable[[Array], Array], ...] = (
 class CurveSpan:
     """The setting that a curve follows, and its scale.
 
-    middle, half: of the range. side: 0, or the sign of a one-sided range.
+    middle, half: middle and half width of the range, SI. side: 0, or the sign of a one-sided range.
     """
 
     column: str

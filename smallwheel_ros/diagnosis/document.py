@@ -180,7 +180,7 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
 
 
 def _findings(verdict: Verdict, points: Points, floors: Mapping[str, float]) -> dict[str, str]:
-    """What the verdict is for each channel, in words. points: of the channels that decided.
+    """What the verdict is for each channel, in words. points: those of the channels that decided.
 
     floors: what a true model would leave.
     """
@@ -348,7 +348,10 @@ def _entry(
 
 
 def _parameters(fit: Fit, covariance: Any, part: str, law: Effect | None) -> Entry:
-    """The numbers of a part of a fit. covariance: of theta. law: whose published ranges are shown."""
+    """The numbers of a part of a fit.
+
+    covariance: that of theta. law: the effect whose published ranges are shown.
+    """
     published = {} if law is None else {p.name: p.published for p in law.parameters()}
     found = {}
     for j in fit.vector.places(part):

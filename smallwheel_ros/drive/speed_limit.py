@@ -16,7 +16,7 @@ _WITHOUT = 2.0  # m without a warning, after which nothing holds it back any mor
 class SpeedLimit:
     """The speed limit: 50 % from a first warning until 2 m without any, 20 % while the vehicle gets stuck.
 
-    percent: of the speed that the controller would drive; `NO_LIMIT` if it is not limited.
+    percent: the limit, in per cent of the speed that the controller would drive; `NO_LIMIT` for none.
     """
 
     def __init__(self) -> None:

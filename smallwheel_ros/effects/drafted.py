@@ -50,7 +50,8 @@ def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high
 class Drafted(Effect):
     """Base of a drafted law.
 
-    version: of the file. valid: by setting, the range of the data that it was learnt from, SI units.
+    version: the format of its file. valid: by setting, the range of the data that it was learnt from, SI
+    units.
     """
 
     version: ClassVar[int] = 0

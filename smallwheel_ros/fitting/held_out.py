@@ -46,7 +46,7 @@ class Score:
 class CvErrors:
     """Held-out errors, measured minus predicted, by channel, shape (rows,); NaN where a row has none.
 
-    run: of each row, shape (rows,).
+    run: number of each row's run, shape (rows,).
     """
 
     error: Mapping[str, Array]
@@ -124,8 +124,8 @@ class CvErrors:
 class ErrorComparison:
     """Two models' held-out errors, by channel.
 
-    reduction: relative, of the rmse. z_score: of the difference of the runs' mean squares over its
-    standard error; positive if the second is better.
+    reduction: relative reduction of the rmse. z_score: difference of the runs' mean squares over its standard
+    error; positive if the second model is better.
     """
 
     reduction: Mapping[str, float]

@@ -189,7 +189,10 @@ def levels_of(points: Points) -> Array:
 
 @dataclass(frozen=True)
 class RowNoise:
-    """Repeatability of one row. absolute: m or N. relative: of the level. freedom: repeats."""
+    """Repeatability of one row.
+
+    absolute: constant part, m or N. relative: part relative to the level. freedom: degrees of freedom.
+    """
 
     absolute: float
     relative: float
@@ -205,7 +208,7 @@ class RowNoise:
 class Repeats:
     """Repeatability by channel, and what it makes of each value, shape (values,).
 
-    variance: of the mean of its rows. stated: declared deviation of that mean, 0 where repeats or
+    variance: that of the mean of a value's rows. stated: declared deviation of that mean, 0 where repeats or
     nothing stands for it.
     """
 

@@ -84,7 +84,7 @@ class Covariance:
 class Scatter:
     """The components' deviations, as logarithms.
 
-    length: of the correlation along a curve, ln of a share of the curve.
+    log_length: ln of the correlation length along a curve, as a share of the curve.
     """
 
     names: tuple[str, ...]

@@ -86,7 +86,7 @@ PEAK_RESIDUAL = ShearForm(
 
 @dataclass(frozen=True)
 class ShearCurve:
-    """One run, averaged in bins of displacement. width: of the bins, m, all of shape (bins,)."""
+    """One run, averaged in bins of displacement. width: width of the bins, m; all have shape (bins,)."""
 
     run: str
     normal_stress: float

@@ -48,8 +48,8 @@ class LearnError(SmallwheelError):
 class Learnt(Result, shown="views.learnt"):
     """The laws learnt.
 
-    document: as the JSON. source: the file of the laws; None without any. sought: each search; the last
-    one has no law if fewer were found than requested.
+    document: the content of the JSON. source: the file of the laws; None without any. sought: each search;
+    the last one has no law if fewer were found than requested.
     """
 
     document: dict[str, Any]

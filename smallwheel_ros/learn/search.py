@@ -141,9 +141,9 @@ class LawProposal:
 
 @dataclass(frozen=True)
 class Site:
-    """Where a term is sought: at a place, under a link, at the tangent of a fit.
+    """Where a term is sought: at a place, under a link, by the tangent of a fit.
 
-    slope: of the predictions by the sum of the law's terms, shape (values,).
+    slope: slope of the predictions by the sum of the law's terms, shape (values,).
     """
 
     place: Place

@@ -197,7 +197,10 @@ def _allowed(name: str, values: Array) -> bool:
 def _reading(
     name: str, text: str, unit: str | None, separator: str, expected: str = _EXPECTED
 ) -> Typed:
-    """Values as `typed` has them. separator: of values; where it is no comma, commas are decimal marks."""
+    """Values as `typed` has them.
+
+    separator: what separates values; where it is no comma, commas are decimal marks.
+    """
     pieces = [re.split(r"(:|\.\.)", piece) for piece in text.split(separator)]
     ends = [_NUMBER.fullmatch(end) for piece in pieces for end in piece[::2]]
     numbers, units = zip(
@@ -236,7 +239,7 @@ def _reading(
 
 
 def _expanded(name: str, piece: Sequence[str], ends: Sequence[float]) -> Array:
-    """Values of a number, of start:stop:step, or of low..high. piece: as it was split at its marks."""
+    """Values of a number, of start:stop:step, or of low..high. piece: its parts, split at the marks."""
     text = "".join(piece)
     if len(ends) == 1:
         return np.array(ends)

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 class NearbySinkage:
     """Sinkage of rolling wheels near one soil, with some effects.
 
-    conditions: of rolling rows. Raises what `model.predict` raises.
+    conditions: rows of rolling wheels. Raises what `model.predict` raises.
     """
 
     def __init__(

@@ -20,7 +20,7 @@ def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
     strength
         Length of the mean specific force, m/s^2.
     gravity
-        Where the vehicle drives, m/s^2.
+        Acceleration of gravity where the vehicle drives, m/s^2.
     """
     if _WEAKEST < strength / gravity < _STRONGEST:
         return ""

@@ -31,7 +31,8 @@ class Refusal(NamedTuple):
 class ProblemLog:
     """Counts of problems by stream and reason since the start, and an explanation of each new one.
 
-    counts: of all. words: an example of each. used: reasons for which the message is used all the same.
+    counts: how often each has occurred. words: an example of each. used: reasons for which the message is
+    used all the same.
     """
 
     def __init__(self, counts: Counter[tuple[str, str]], words: dict[tuple[str, str], str]) -> None:

@@ -11,7 +11,7 @@ REMEMBERED = 4  # soils that were met, to which the vehicle may come back
 
 
 class Versions(dict[int, T]):
-    """The kept states by number. count: of all so far, including dropped ones; newest: the last state."""
+    """The kept states by number. count: number of all so far, dropped ones too; newest: the last state."""
 
     def __init__(self, first: T) -> None:
         super().__init__({0: first})

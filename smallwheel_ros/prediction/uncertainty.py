@@ -80,7 +80,7 @@ class _Sloped:
     slopes: Mapping[str, Array]
 
     def deviations(self, of: Callable[[str], bool] = lambda _: True) -> dict[str, Array]:
-        """What each quantity is off by. of: by the parameters alone of which this holds."""
+        """Standard deviation of each quantity. of: only due to the parameters for which this is true."""
         kept = [i for i, name in enumerate(self.calibrated.names) if of(name)]
         # The square root of the covariance turns the propagation into a sum of squares over directions.
         values, vectors = np.linalg.eigh(self.calibrated.covariance[np.ix_(kept, kept)])

@@ -253,7 +253,7 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
             f" 95 % under {number(slip['quantile_95'], 2)}."
         ]
     if margin["median"] is not None:
-        by = "as on any ground, by slip and what was pulled"
+        by = "as on any ground, by slip and the pull that was needed"
         if margin["of_prior"]:
             by = "any ground's: this drive has shown little of its own"
         if strength["of_model_file"]:

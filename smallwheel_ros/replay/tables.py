@@ -304,11 +304,16 @@ class VehicleTable:
         self._blocks.append(block.drop(columns=list(VEHICLE_VALID)))
 
     def risk(self) -> dict[str, float | None]:
-        """The risk of getting stuck: share of rows that know it, its median, and its maximum."""
+        """The risk of getting stuck: share of rows that know it, its median, and its maximum.
+
+        The median is None where fewer than `SUMMED_UP` of the rows know the risk.
+        """
         rows = [block["risk_of_getting_stuck"] for block in self._blocks]
         risk = pd.concat(rows) if rows else pd.Series(dtype=float)
         known = risk.dropna()
-        return _figures(len(known), len(risk), {"median": known.median(), "highest": known.max()})
+        # Typical it is only where enough rows know it; the highest one counts however rare it is.
+        highest = float(known.max()) if len(known) else None
+        return {**_figures(len(known), len(risk), {"median": known.median()}), "highest": highest}
 
     def write(self, stem: Path) -> None:
         """Write the rows, if there are any. Raises ReplayError."""

@@ -35,7 +35,7 @@ class Means(NamedTuple):
 
 
 class Left(NamedTuple):
-    """Residuals of one model. name, colour: in the key."""
+    """Residuals of one model. name, colour: those in the key."""
 
     errors: CvErrors
     name: str

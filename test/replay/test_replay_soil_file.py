@@ -14,8 +14,10 @@ from click.testing import CliRunner, Result
 import smallwheel_ros as sw
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
+from smallwheel_ros.common.stamps import SECOND
+from smallwheel_ros.drive.messages import VEHICLE_VALID
 from smallwheel_ros.replay.report import _in_short
-from smallwheel_ros.replay.tables import EstimatesTable
+from smallwheel_ros.replay.tables import EstimatesTable, VehicleTable
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 
@@ -122,6 +124,17 @@ def test_of_what_few_estimates_know_no_value_is_the_drives(
     assert (f"Slip: {few}" in text) == (f"Margin: {few}" in text) == (0 < known < 5)
     assert ("half under" in text) == (known >= 5)
     assert ("Slip: not known." in text) == (known == 0)
+
+
+def test_the_highest_risk_counts_however_few_rows_know_the_risk() -> None:
+    table = VehicleTable(0)
+    assert table.risk() == {"known": 0.0, "median": None, "highest": None}
+    known = np.arange(100) == 7
+    table.add(
+        np.arange(100) * SECOND // 10,
+        dict.fromkeys(VEHICLE_VALID, known) | {"risk_of_getting_stuck": np.full(100, 0.9)},
+    )
+    assert table.risk() == {"known": 0.01, "median": None, "highest": 0.9}
 
 
 def test_nothing_estimated_is_exit_code_2(drive: Path, config: Path, tmp_path: Path) -> None:

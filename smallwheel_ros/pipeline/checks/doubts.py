@@ -24,7 +24,7 @@ SHOWS_NO_SLIP = "odometry/speed"
 class Doubted:
     """The set of doubted streams over time: each set holds after its stamp (ns) and up to the next one.
 
-    stamps: of all sets but the first, which holds before any stamp.
+    stamps: the beginning of each set but the first, which holds before any stamp.
     """
 
     stamps: tuple[int, ...] = ()

@@ -72,7 +72,7 @@ class Weight:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        It is judged after the first metre.
+        The median is judged after the first metre.
         """
         table, vehicle = window.loads, self.vehicle
         if table is None or not vehicle.mass > 0.0:
@@ -184,7 +184,7 @@ class Impossible:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        It is judged after the first metre.
+        The median is judged after the first metre.
         """
         table, found = window.sinkages, []
         if table is None or window.rims is None:

@@ -55,8 +55,8 @@ class Said:
 class Run:
     """Sum of an amount over consecutive rows that are all flagged.
 
-    now: at the last row. most: the largest within the last span. began: stamp (s) of the first row of
-    that one.
+    now: the sum at the last row. most: the largest sum within the last span. began: stamp (s) of the first
+    row of that one.
     """
 
     def __init__(self) -> None:

@@ -29,7 +29,9 @@ _ORDERS = {b"\x00\x00": "big", b"\x00\x01": "little"}  # of plain CDR (DDS-XType
 
 
 class MessageLayout:
-    """Places of the numbers in a message. places: by path, such as 'wrench.force.z'; strings: by path.
+    """Where the numbers of a message stand in its bytes.
+
+    places: by path, such as 'wrench.force.z'; strings: texts by path.
 
     Raises ValueError where the bytes are no message of the type.
     """

@@ -32,7 +32,7 @@ _AHEAD = 512  # rows looked through at once
 
 
 class Level:
-    """Learns the zero of the slope force from all rows in order; `at` gives it up to the last row."""
+    """Learns the zero of the slope force from rows in their order; `at` returns it at stamps so far."""
 
     def __init__(self, gravity: float = GRAVITY) -> None:
         self._gravity = gravity

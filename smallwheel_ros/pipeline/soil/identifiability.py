@@ -258,7 +258,10 @@ def before_driving(diameters: Iterable[float]) -> tuple[str, ...]:
 def _in_words(
     identifiable: Identifiable, variety: Variety, accepted: int, limits: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Say what is not determined, and why. limits: by name what limits it, empty where data does."""
+    """Say what is not determined, and why.
+
+    limits: by name, what limits a parameter; empty where only the amount of data does.
+    """
     if variety.diameters is None or variety.loadings is None:
         return ("no measurement yet: soil and uncertainty are the prior's",)
     (d_low, d_high), (l_low, l_high) = variety.diameters, variety.loadings

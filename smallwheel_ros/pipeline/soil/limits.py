@@ -60,7 +60,8 @@ _GROUPS = (
 class StateBelief:
     """Estimated errors of sensors and ground: the filter's state apart from the soil's own parameters.
 
-    slopes: of (ln pressure at the reference, n, m) by the state, (3, size). mean, covariance: of the state.
+    slopes: slopes of (ln pressure at the reference, n, m) by the state, (3, size). mean, covariance: those of
+    the state.
     """
 
     slopes: Array

@@ -363,7 +363,7 @@ class Changes(NamedTuple):
 
 
 class StretchChanges:
-    """Keeps the stretches of the last `window` metres, by wheel. length: of a stretch, m."""
+    """Keeps the stretches of the last `window` metres, by wheel. length: length of a stretch, m."""
 
     def __init__(self, wheels: tuple[Wheel, ...], length: float, window: float) -> None:
         self._wheels, self._length, self._window = wheels, length, window

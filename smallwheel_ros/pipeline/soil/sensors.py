@@ -58,7 +58,7 @@ class StuckSensors:
             self.stuck[wheel] = full and most + coarse < _STILL * varies
 
     def findings(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Report stuck sensors, with what to check. names: of the wheels."""
+        """Report stuck sensors, with what to check. names: names of the wheels."""
         return tuple(
             f"{names[wheel]}: its sinkage sensor shows the same wherever it rolls, and is not used: is it"
             " stuck, dirty, or does it look at the wheel?"

@@ -234,7 +234,7 @@ class TwistFilter:
         return self.jump2 if self.still < _STILL else 0.0
 
     def _see(self, dt: float, there: Flags, rims: Array, turn: float, change: float) -> None:
-        """Rims, and no motion sideways. change: of the rims, m/s^2."""
+        """Update with the rims, and with no motion sideways. change: acceleration of the rims, m/s^2."""
         left, right = (self.places * turn).tolist()
         late = (self.delay * change) ** 2
         # What holds for a while is off by any part of the next jump.

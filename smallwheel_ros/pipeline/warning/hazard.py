@@ -150,8 +150,8 @@ class _Hazard:
 class Warnings:
     """Computes the warning over a drive.
 
-    wheels: of the vehicle; those that roll are used. with_imu: whether the vehicle has one, which then
-    gives the slope, if it has an orientation, and the specific force.
+    wheels: all wheels; those that roll are used. with_imu: whether the vehicle has an imu, which then gives
+    the slope, if it has an orientation, and the specific force.
     """
 
     def __init__(
