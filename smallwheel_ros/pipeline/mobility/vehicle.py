@@ -31,6 +31,7 @@ from smallwheel_ros.pipeline.tables import (
     Flags,
     Integers,
     Readings,
+    middle_of_known,
     none_of,
 )
 from smallwheel_ros.pipeline.versions import Versions
@@ -272,11 +273,7 @@ def _slip(rim: Array, ground: Array, spread: Array) -> tuple[Array, Array]:
 
 def _median(table: Array) -> Array:
     """Median of each row's numbers, NaN where there is none."""
-    found = np.full(len(table), np.nan)
-    some = np.isfinite(table).any(axis=1)
-    if some.any():
-        found[some] = np.nanmedian(table[some], axis=1)
-    return found
+    return np.where(np.isfinite(table).any(axis=1), middle_of_known(table), np.nan)
 
 
 def _felt(stamps: Integers, felt: Array, instants: Integers, gravity: float) -> Array:
