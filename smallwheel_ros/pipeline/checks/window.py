@@ -17,7 +17,7 @@ from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.tables import Array, Flags, Integers, middle_of_known
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 
 from .ground_speed import Known
 from .lateness import MOVES
@@ -265,7 +265,7 @@ class Window:
 
     def _way_of(self, rims: Rows) -> Array:
         """Way by the rims at their rows, m from the beginning of the drive."""
-        speed = np.nan_to_num(middle_of_known(np.abs(rims.x)))
+        speed = np.nan_to_num(np.abs(np.nanmedian(np.abs(rims.x), axis=1)))
         way = np.concatenate([[0.0], np.cumsum((speed * rims.held)[:-1])])
         return np.asarray(way - np.interp(0.0, rims.t, way) + self.memory.way)
 

@@ -31,7 +31,6 @@ from smallwheel_ros.pipeline.tables import (
     Flags,
     Integers,
     Readings,
-    middle_of_known,
     none_of,
 )
 from smallwheel_ros.pipeline.versions import Versions
@@ -273,7 +272,14 @@ def _slip(rim: Array, ground: Array, spread: Array) -> tuple[Array, Array]:
 
 def _median(table: Array) -> Array:
     """Median of each row's numbers, NaN where there is none."""
-    return np.where(np.isfinite(table).any(axis=1), middle_of_known(table), np.nan)
+    rows, columns = table.shape
+    if not columns:
+        return np.full(rows, np.nan)
+    ordered = np.sort(table, axis=1)  # NaN last; `np.nanmedian` takes ten times as long for so few
+    count = columns - np.isnan(table).sum(axis=1)
+    index = np.arange(rows)
+    low, high = ordered[index, np.maximum(count - 1, 0) // 2], ordered[index, count // 2]
+    return np.where(np.isfinite(table).any(axis=1), 0.5 * (low + high), np.nan)
 
 
 def _felt(stamps: Integers, felt: Array, instants: Integers, gravity: float) -> Array:
