@@ -46,8 +46,8 @@ FASTEST = 0.97  # slip of a driven wheel, likewise
 
 
 def _squared(nodes: int) -> tuple[Array, Array]:
-    """Places x^2 of 0 .. 1 and their weights: a power of the distance from 0 is smooth over x."""
-    x, weight = np.polynomial.legendre.leggauss(nodes)
+    """Places x^2 of 0 .. 1 and their weights, (nodes, 1): a power of the distance from 0 is smooth over x."""
+    x, weight = (column[:, None] for column in np.polynomial.legendre.leggauss(nodes))
     root = 0.5 * (x + 1.0)
     return root**2, weight * root
 
@@ -224,33 +224,38 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
         Factor on the pressure as a function of depth (m), both of shape (nodes, rows); None: 1.
     """
     r, u = 0.5 * rows.diameter, speed_ratio(rows.slip)
-    deep = np.clip(rows.sinkage / r, 1e-6, DEEPEST)
-    entry = np.arccos(1.0 - deep)
+    deep = np.minimum(np.maximum(rows.sinkage / r, 1e-6), DEEPEST)
+    above = 1.0 - deep
+    entry = np.arccos(above)
     # Nodes on either side of a kink: of the pressure at its peak, of the shear where its sign changes.
     top = rows.peak * entry
-    share = 1.0 - u - rows.rolling_share
-    kink = np.where(top > 0.0, top, _unsheared(entry, rows.rolling_share, share))
-    split = np.any(kink)
+    lost = 1.0 - u
+    peaks = top > 0.0
+    kink = top
+    if not peaks.all():
+        own = _unsheared(entry, rows.rolling_share, lost - rows.rolling_share)
+        kink = np.where(peaks, top, own)
+    split = kink.any()
     kink = np.maximum(kink, 1e-6 * entry) if split else kink
     place, weight = _FROM_ENTRY
     ahead = entry - kink
-    t, w = entry - ahead * place[:, None], ahead * weight[:, None]  # (nodes, rows)
+    t, w = entry - ahead * place, ahead * weight  # (nodes, rows)
     if split:
         place, weight = _FROM_BOTTOM
-        t = np.concatenate([t, kink * place[:, None]])
-        w = np.concatenate([w, kink * weight[:, None]])
+        t = np.concatenate([t, kink * place])
+        w = np.concatenate([w, kink * weight])
     sine, cosine = np.sin(t), np.cos(t)
     slid = np.sin(entry) - sine
     rolled = entry - t - slid
     j = (rows.sheared_radius / rows.shear_displacement) * (
-        rows.rolling_share * rolled + (1.0 - u) * slid
+        rows.rolling_share * rolled + lost * slid
     )
     under = cosine  # where on the rim the same pressure is found as here
-    peaked = bool(np.any(rows.peak))
+    peaked = bool(rows.peak.any())
     if peaked:
-        beyond = np.where(top > 0.0, entry - ahead * place[:, None], t[-place.size :])
+        beyond = np.where(peaks, entry - ahead * place, t[-place.size :])
         under = np.concatenate([cosine[: -place.size], np.cos(beyond)])
-    depth = np.maximum(under - (1.0 - deep), 1e-300)
+    depth = np.maximum(under - above, 1e-300)
     pressure = np.exp(rows.exponent * np.log(depth / deep))
     if factor is not None:
         pressure = pressure * factor(r * depth)
@@ -260,8 +265,8 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
         # At an angle behind the peak the pressure is that of an angle which moves by t t1/t_m^2 with t_m.
         by_peak, last = np.zeros_like(pressure), slice(-place.size, None)
         fall = -rows.exponent * pressure[last] * np.sin(beyond) / depth[last]
-        moves = place[:, None] * entry / np.where(top > 0.0, top, 1.0) * entry
-        by_peak[last] = np.where(top > 0.0, fall * moves, 0.0)
+        moves = place * entry / np.where(peaks, top, 1.0) * entry
+        by_peak[last] = np.where(peaks, fall * moves, 0.0)
     return Arc(w, sine, cosine, pressure, rolled, slid, j, friction, by_peak)
 
 

@@ -272,11 +272,14 @@ def _slip(rim: Array, ground: Array, spread: Array) -> tuple[Array, Array]:
 
 def _median(table: Array) -> Array:
     """Median of each row's numbers, NaN where there is none."""
-    found = np.full(len(table), np.nan)
-    some = np.isfinite(table).any(axis=1)
-    if some.any():
-        found[some] = np.nanmedian(table[some], axis=1)
-    return found
+    rows, columns = table.shape
+    if not columns:
+        return np.full(rows, np.nan)
+    ordered = np.sort(table, axis=1)  # NaN last; `np.nanmedian` takes ten times as long for so few
+    count = columns - np.isnan(table).sum(axis=1)
+    index = np.arange(rows)
+    low, high = ordered[index, np.maximum(count - 1, 0) // 2], ordered[index, count // 2]
+    return np.where(np.isfinite(table).any(axis=1), 0.5 * (low + high), np.nan)
 
 
 def _felt(stamps: Integers, felt: Array, instants: Integers, gravity: float) -> Array:

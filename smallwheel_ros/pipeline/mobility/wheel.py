@@ -18,7 +18,7 @@ import numpy as np
 from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.force_slopes import WheelRows, sloped_forces
+from smallwheel_ros.physics.force_slopes import WheelRows, forces_of
 from smallwheel_ros.pipeline.soil.local_law import Version, local_laws, sinkages
 from smallwheel_ros.pipeline.soil.stretches import WheelsUnderLoad
 from smallwheel_ros.pipeline.strength.contact import OnSoil, on_soil
@@ -225,11 +225,11 @@ def _best_sinkage(on: OnSoil, at: Rolling, of: Believed, slip: Array) -> Array:
     depths = np.tile(_DEPTHS, size) * diameter
     slips, peaks = (np.full(depths.size, value) for value in (slip[0], at.peak))
     load, grip = np.exp(log_load), np.exp(log_grip)
-    made = sloped_forces(
+    made = forces_of(
         WheelRows(
             load, depths, diameter, width, slips, exponent, c, phi, shear, rolls, rim, peaks, grip
         )
-    ).values
+    )
     pull = (made[1] + (factor - 1.0) * made[0]).reshape(size, many)
     best: Array = depths.reshape(size, many)[np.arange(size), pull.argmax(axis=1)]
     return np.asarray(best[index.reshape(-1)])

@@ -59,6 +59,7 @@ from .forces import (
     Force,
     Rolling,
     forces,
+    pull_and_rim,
 )  # fmt: skip
 from .steps import CELL
 
@@ -224,19 +225,18 @@ class StrengthFilter:
         by_torque = np.square(_TORQUE_ERROR * at.on.reaching) + of_rim.own(at.on) + _LEAST_TORQUE**2
         noise = np.concatenate([whole, by_torque[turned], (law + own + pull_std**2)[pulled]])
 
-        def shown(made: Forces) -> tuple[Array, Array]:
-            _, pulls, rims = made
-            row = (at.share * pulls.row).sum(axis=0)[None]
-            row[0, LEVEL] = self._way * self.mass
-            value = np.atleast_1d(
-                (at.along * pulls.value).sum() + row[0, LEVEL] * self.kalman.x[LEVEL]
-            )
-            n = 1 if balanced else 0
-            values = np.concatenate([value[:n], rims.value[turned], pulls.value[pulled]])
-            return values, np.concatenate([row[:n], rims.row[turned], pulls.row[pulled]])
+        by_level = self._way * self.mass
 
-        _, H = shown(self._asked(at, here, force, torque, pull))
-        value, _ = shown(here)
+        def shown(pulls: Array, rims: Array) -> Array:
+            value = (at.along * pulls).sum() + by_level * self.kalman.x[LEVEL]
+            of_vehicle = np.array([value] if balanced else [])
+            return np.concatenate([of_vehicle, rims[turned], pulls[pulled]])
+
+        _, pulls, rims = self._asked(at, here, force, torque, pull)
+        row = (at.share * pulls.row).sum(axis=0)[None]
+        row[0, LEVEL] = by_level
+        H = np.concatenate([row[: of_all.size], rims.row[turned], pulls.row[pulled]])
+        value = shown(of_pull.value, of_rim.value)
         variance = np.einsum("ri,ij,rj->r", H, self.kalman.P, H)
         surprise = np.square((z - value) / _SURPRISE)
         if (surprise > variance + noise).any():
@@ -244,7 +244,9 @@ class StrengthFilter:
             variance = np.einsum("ri,ij,rj->r", H, self.kalman.P, H)
             # What no grip explains counts as little as it is likely.
             noise = noise + np.maximum(surprise - variance - noise, 0.0)
-        self._iterate(z, noise, value, H, lambda: shown(forces(self.kalman.x, self.cells, at))[0])
+        self._iterate(
+            z, noise, value, H, lambda: shown(*pull_and_rim(self.kalman.x, self.cells, at))
+        )
 
     def _asked(self, at: Rolling, made: Forces, force: float, torque: Array, pull: Array) -> Forces:
         """Forces at slips, all shifted alike, at which the predicted law gives what the wheels pull together.

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import ROLLING as ROLLS
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.force_slopes import SlopedForces, WheelRows, sloped_forces
+from smallwheel_ros.physics.force_slopes import SlopedForces, WheelRows, forces_of, sloped_forces
 from smallwheel_ros.pipeline.tables import Array, Integers
 
 from .contact import OnSoil
@@ -63,8 +64,7 @@ class Rolling:
         return Stages(self.layers, Conditions(*of, contact, None, read)).pressure_factor
 
 
-@dataclass(frozen=True)
-class Force:
+class Force(NamedTuple):
     """A force of each row (N), with its slopes by the state (rows, size), slip, ln load and sinkage."""
 
     value: Array
@@ -181,8 +181,7 @@ def forces(
     on, order, count = at.on, at.order, at.order.size
     size, wheels = x.shape[-1], cells.shape[-1]
     index, more = np.arange(count), _DEEPER * at.diameter
-    x = np.broadcast_to(x, (count, size))
-    cell = WHEELS + 2 * wheels + np.broadcast_to(cells, (count, wheels))[index, order]
+    x, cell = np.broadcast_to(x, (count, size)), _cells(cells, order)
     own, scale = WHEELS + order, WHEELS + wheels + order
     slip = at.slip if exact_slip else at.slip + x[:, SLIP] + x[index, own]
     made = _twice(on, at, slip, more, x, np.exp(x[index, cell]))
@@ -224,13 +223,46 @@ def forces(
     return thrust, pull, rim
 
 
+def pull_and_rim(x: Array, cells: Integers, at: Rolling) -> tuple[Array, Array]:
+    """Pull, and the rim force that the torque shows (N): those of `forces`, without slopes.
+
+    Parameters
+    ----------
+    x
+        State, shape (size,).
+    cells
+        Cell of ground of each wheel, shape (wheels,).
+    at
+        The rolling wheels.
+    """
+    on, wheels = at.on, cells.size
+    slip = at.slip + x[SLIP] + x[WHEELS + at.order]
+    of_soil = np.repeat(x[OF_SOIL], slip.size).reshape(-1, slip.size)
+    rows = _once(on, at, slip, of_soil, np.exp(x[_cells(cells, at.order)]))
+    thrust, pull, rim = forces_of(WheelRows(*rows), at.factor(1))
+    pull = pull + (on.factor - 1.0) * thrust - on.other - x[OTHER] * on.reaching
+    gain = np.exp(x[WHEELS + wheels + at.order])
+    return pull, gain * (on.factor * rim) + x[LOSS] * on.reaching
+
+
+def _cells(cells: Integers, order: Integers) -> Integers:
+    """Place in the state of the grip under each rolling wheel. cells: (wheels,) or (rows, wheels)."""
+    wheels = cells.shape[-1]
+    under = np.broadcast_to(cells, (order.size, wheels))[np.arange(order.size), order]
+    return np.asarray(WHEELS + 2 * wheels + under)
+
+
+def _once(on: OnSoil, at: Rolling, slip: Array, of_soil: Array, grip: Array) -> Array:
+    peak = np.full(slip.size, at.peak)
+    own = on.reaching, on.sinkage, on.diameter, at.width, slip, on.exponent
+    return np.array([*own, *of_soil, peak, grip])
+
+
 def _twice(
     on: OnSoil, at: Rolling, slip: Array, more: Array, x: Array, grip: Array
 ) -> SlopedForces:
     """Forces at the sinkage, and a little deeper, one after the other."""
-    peak = np.full(slip.size, at.peak)
-    own = on.reaching, on.sinkage, on.diameter, at.width, slip, on.exponent
-    once = np.array([*own, *x[:, OF_SOIL].T, peak, grip])
+    once = _once(on, at, slip, x[:, OF_SOIL].T, grip)
     rows = WheelRows(*np.concatenate([once, once], axis=1))
     rows.sinkage[slip.size :] += more
     return sloped_forces(rows, at.factor(2))

@@ -230,7 +230,10 @@ class Warnings:
         speed, slope, felt = np.full((3, kept.size), np.nan)
         course, apart = np.zeros((2, kept.size))
         # A wheel whose angle is not known has no slip, and counts as along the course.
-        share = np.cos(np.nan_to_num(rows.apart))
+        apart_of, aside, course_of = (
+            np.nan_to_num(each) for each in (rows.apart, rows.slip_angle, rows.course)
+        )
+        share = np.cos(apart_of)
         for k, one in enumerate(kept.tolist()):
             mine = np.flatnonzero(bins == one)
             now = (one + 1) * PERIOD / SECOND
@@ -243,16 +246,13 @@ class Warnings:
                         share[last] * rows.rim_speed[last],
                         share[last] * rows.speed[last],
                         rows.speed_std[last],
-                        max(
-                            abs(np.nan_to_num(rows.apart[last])),
-                            abs(np.nan_to_num(rows.slip_angle[last])),
-                        ),
+                        max(abs(apart_of[last]), abs(aside[last])),
                     )
             fresh = now - self._newest[:, 0] <= HELD
             rim[k, fresh], ground[k, fresh], ground_std[k, fresh] = self._newest[fresh, 1:4].T
-            apart[k] = np.nan_to_num(self._newest[fresh, 4]).max(initial=0.0)
+            apart[k] = self._newest[fresh, 4].max(initial=0.0)
             last = mine[-1]
-            course[k] = np.nan_to_num(rows.course[last])
+            course[k] = course_of[last]
             speed[k], slope[k] = rows.vehicle_speed[last], rows.slope[last]
             felt[k] = rows.pushed[last]
         rise = slope / self._gravity
