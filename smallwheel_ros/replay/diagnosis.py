@@ -4,15 +4,19 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import ALARM
+from smallwheel_ros.measurements.display import effect_words
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from smallwheel_ros.diagnosis.pipeline import Diagnosis
 
 # Stretches: with fewer an effect that is there is rarely seen; of more every second, third and so on is
 # taken, since a diagnosis takes a tenth of a second for each.
@@ -21,6 +25,7 @@ _FEWEST, _MOST = 120, 240
 # own alarm. Drives of another author's simulator are above in 1 of 8 with hidden slip sinkage, in none of 3
 # over hardpans, and in 9 of 12 with nothing hidden.
 _NOTHING = 4.0 * ALARM
+_LIKELY = 0.5  # probability from which the likeliest of several candidates is singled out
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,8 @@ class DriveDiagnosis:
         Ids that the model lacks, and ids of which it lacks one.
     lines
         The same for people.
+    by_filter
+        What the soil's filter found of effects, from every reading of the drive, in words.
     """
 
     stretches: int
@@ -44,6 +51,7 @@ class DriveDiagnosis:
     effects: tuple[str, ...]
     candidates: tuple[str, ...]
     lines: tuple[str, ...]
+    by_filter: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As in replay.json."""
@@ -52,11 +60,12 @@ class DriveDiagnosis:
             "verdict": self.verdict or None,
             "missing_effects": list(self.effects),
             "candidates": list(self.candidates),
+            "by_filter": list(self.by_filter),
             "text": list(self.lines),
         }
 
 
-def diagnosed(table: pd.DataFrame, path: Path) -> DriveDiagnosis:
+def diagnosed(table: pd.DataFrame, path: Path, remarks: Sequence[str] = ()) -> DriveDiagnosis:
     """Diagnose a table of steady stretches.
 
     Parameters
@@ -65,9 +74,13 @@ def diagnosed(table: pd.DataFrame, path: Path) -> DriveDiagnosis:
         One row for each stretch, in the columns of measurements.csv.
     path
         Its file, for the commands to run next.
+    remarks
+        What the soil's filter has found at the end, as in `SoilEstimate.remarks`: it has every reading, and
+        stretches that are few or hardly differ in slip may not show the same.
     """
+    by_filter = tuple(remarks)
     if len(table) < _FEWEST:
-        return _none(table, f"there are {len(table)}, and it needs {_FEWEST}")
+        return _none(table, f"there are {len(table)}, and it needs {_FEWEST}", by_filter)
     from smallwheel_ros.diagnosis.pipeline import chance_of_nothing, diagnosis_of, start_of
     from smallwheel_ros.diagnosis.text import verdict_sentences
     from smallwheel_ros.measurements.from_file import read_measurements
@@ -79,36 +92,56 @@ def diagnosed(table: pd.DataFrame, path: Path) -> DriveDiagnosis:
         start = start_of(read_measurements(used.reset_index(drop=True)))
         chance = chance_of_nothing(start)
         if chance > _NOTHING:
-            return _nothing(len(used), chance, command)
+            return _nothing(len(used), chance, command, by_filter)
         found = diagnosis_of(start)
     except SmallwheelError as error:
-        return _none(used, str(error))
+        return _none(used, str(error), by_filter)
     following = {
         "apply": f"{command} --apply -o MODEL.yaml",
         "learn": f"smallwheel learn {shlex.quote(str(path))} -o law.py",
     }
     first, *_, next_step = verdict_sentences(found.document, following)
+    said = f"{first[0].lower()}{first[1:]}{_likeliest(found)}{_agrees(by_filter)}"
     return DriveDiagnosis(
         len(used),
         found.verdict,
         tuple(found.missing_effects),
         tuple(found.candidates),
-        (f"Diagnosis of {len(used)} steady stretches: {first[0].lower()}{first[1:]}", next_step),
+        (f"Diagnosis of {len(used)} steady stretches: {said}", next_step),
+        by_filter,
     )
 
 
-def _nothing(stretches: int, chance: float, command: str) -> DriveDiagnosis:
+def _likeliest(found: Diagnosis) -> str:
+    """A sentence on the one of several candidates that is likelier than all others together."""
+    known = {row["effect"]: row["probability"] or 0.0 for row in found.rows()}
+    name = max(found.candidates, key=lambda one: known.get(one, 0.0), default="")
+    likely = known.get(name, 0.0)
+    if len(found.candidates) < 2 or likely <= _LIKELY:
+        return ""
+    return f" Most probable: {effect_words(name)} ({likely:.2f})."
+
+
+def _agrees(by_filter: tuple[str, ...]) -> str:
+    """A sentence on what the soil's filter has found; empty where it found nothing."""
+    return f" The soil's filter, from every reading: {'; '.join(by_filter)}." if by_filter else ""
+
+
+def _nothing(
+    stretches: int, chance: float, command: str, by_filter: tuple[str, ...]
+) -> DriveDiagnosis:
     """That no effect shows, before any model was refitted."""
+    shows = "these alone do not show a missing effect" if by_filter else "no missing effect shows"
     return DriveDiagnosis(
         stretches, "adequate", (), (),
         (
-            f"Diagnosis of {stretches} steady stretches: no missing effect shows (p = {chance:.2g}).",
+            f"Diagnosis of {stretches} steady stretches: {shows} (p = {chance:.2g}).{_agrees(by_filter)}",
             f"Next: `{command}` says what these stretches could not have shown.",
         ),
+        by_filter,
     )  # fmt: skip
 
 
-def _none(table: pd.DataFrame, why: str) -> DriveDiagnosis:
-    return DriveDiagnosis(
-        len(table), "", (), (), (f"No diagnosis of the steady stretches: {why}.",)
-    )
+def _none(table: pd.DataFrame, why: str, by_filter: tuple[str, ...]) -> DriveDiagnosis:
+    line = f"No diagnosis of the steady stretches: {why}.{_agrees(by_filter)}"
+    return DriveDiagnosis(len(table), "", (), (), (line,), by_filter)

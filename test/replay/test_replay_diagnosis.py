@@ -57,6 +57,16 @@ def test_where_nothing_shows_no_model_is_refitted() -> None:
     assert "smallwheel diagnose out/measurements.csv" in second
 
 
+def test_what_the_filter_has_found_is_said_where_stretches_do_not_show_it() -> None:
+    remark = "sinkage grows with slip, s = 0.9 +- 0.2"
+    for count in (60, 140):
+        found = diagnosed(stretches(count), Path("out/measurements.csv"), [remark])
+        assert remark in found.lines[0]
+        assert "no missing effect" not in found.lines[0]
+        assert found.to_dict()["by_filter"] == [remark]
+        assert found.effects == ()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("strength", "verdict"), [(1.0, "missing_effect"), (0.0, "adequate")])
 def test_slip_sinkage_that_the_model_lacks_is_named_in_two_lines(
