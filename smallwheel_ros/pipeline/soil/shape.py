@@ -22,7 +22,9 @@ from smallwheel_ros.pipeline.tables import Array
 from .filter import SoilFilter
 from .stretches import Stretches
 
-NEWEST = 120  # times at which stretches were used that are looked back on
+# Times at which stretches were used that are looked back on, 60 m or so: in 120 a hard layer at times does not
+# show, and chance at times does.
+NEWEST = 480
 EVERY = 2.0  # m between tests
 _ENOUGH = 60  # stretches
 # Least of both; a smaller share hardly changes a sinkage. Ground that was once found to be so stays so until
