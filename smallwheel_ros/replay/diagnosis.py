@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 # taken, since a diagnosis takes a tenth of a second for each.
 _FEWEST, _MOST = 120, 240
 # Chance of such stretches if nothing were missing, over which no model is refitted: four times the bench's
-# own alarm. Drives of another author's simulator are above in 1 of 8 with hidden slip sinkage, in none of 3
-# over hardpans, and in 9 of 12 with nothing hidden.
+# own alarm. Drives of another author's simulator are above it in none of 8 with hidden slip sinkage, and in
+# 9 of 12 with nothing hidden.
 _NOTHING = 4.0 * ALARM
 _LIKELY = 0.5  # probability from which the likeliest of several candidates is singled out
 # What wheels may not differ in, of those whose sinkages are compared: the tracks of others count as well.

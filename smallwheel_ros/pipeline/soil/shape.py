@@ -22,8 +22,8 @@ from smallwheel_ros.pipeline.tables import Array
 from .filter import SoilFilter
 from .stretches import Stretches
 
-# Times at which stretches were used that are looked back on, 60 m or so: in 120 a hard layer at times does not
-# show, and chance at times does.
+# Times at which stretches were used that are looked back on, 60 m or so: in a quarter of it a hard layer does
+# not always show, and chance sometimes does.
 NEWEST = 480
 EVERY = 2.0  # m between tests
 _ENOUGH = 60  # stretches
