@@ -151,7 +151,10 @@ def evened(table: pd.DataFrame) -> pd.DataFrame:
         def errors(x: Array, about: Array = about, shown: Array = shown) -> Array:
             return np.asarray(about @ x - shown)
 
-        own = least_squares(errors, first, loss="huber", f_scale=_HUBER * size).x[:wheels]
+        found = least_squares(  # type: ignore[operator]  # see lab.shear
+            errors, first, loss="huber", f_scale=_HUBER * size
+        )
+        own = found.x[:wheels]
         sinkage[rows.index] -= of_wheel @ (own - own.mean())
     return table.assign(**{"sinkage [m]": sinkage})[sinkage > 0.0]
 
