@@ -22,9 +22,7 @@ from smallwheel_ros.pipeline.tables import Array
 from .filter import SoilFilter
 from .stretches import Stretches
 
-# Times at which stretches were used that are looked back on, 60 m or so: in a quarter of it a hard layer does
-# not always show, and chance sometimes does.
-NEWEST = 480
+NEWEST = 120  # times at which stretches were used that are looked back on
 EVERY = 2.0  # m between tests
 _ENOUGH = 60  # stretches
 # Least of both; a smaller share hardly changes a sinkage. Ground that was once found to be so stays so until
