@@ -80,6 +80,7 @@ def judged(drive: ForeignDrive) -> Line:
     mapper = GroundMapper(cost_map_of(settings), wheels)
     line: Line = {
         "length": float(truth.path[-1]), "stuck": truth.stuck is not None, "found": None, "accused": [],
+        "slip_digs": False,
         "looks": dict.fromkeys(NAMES, 0), "error": {}, "stated": {},
     }  # fmt: skip
     line |= {name: {} for name in ("counts", "inside", "squares", "variances", "wrong", "worst")}
@@ -119,17 +120,20 @@ def _look(line: Line, drive: ForeignDrive, pipeline: Pipeline, stamp: int) -> No
     """At findings, the border and flags."""
     truth, i = drive.truth, int(drive.at(np.array([stamp]))[0])
     line["accused"] += [words for words in pipeline.findings if words not in line["accused"]]
+    line["slip_digs"] |= bool(pipeline.soil.remarks)
     if line["found"] is None and pipeline.soils.changes:
         line["found"] = float(truth.path[i])
-    if not drive.world.soil_sensors or drive.world.hidden:
+    world, soil, true = drive.world, pipeline.soil, truth.soil
+    if not world.soil_sensors or world.hidden in ("slip", "speed"):
         return
-    soil, true = pipeline.soil, truth.soil
     modulus = math.log(true.k) + true.m * math.log(soil.reference_diameter)
     front = truth.path[i] + WHEELS[0].x
-    border, way = math.log(drive.world.border), front - 0.5 * drive.world.distance
+    border, way = math.log(world.border), front - 0.5 * world.distance
     # A border has to be found within a metre of the rear axle: so long either soil is right.
     low, high = sorted((border * (way > 2.0), border * (way > 0.0)))
-    pressure = modulus + true.n * math.log(_LEAST_SINKAGE)
+    # Over a hard layer n, m and the modulus are those of what lies above it, the pressure is the ground's.
+    depth = np.array(_LEAST_SINKAGE)
+    pressure = math.log(float(true.pressure(depth, soil.reference_diameter)))
     flags_line(
         line, soil,
         {
@@ -139,6 +143,8 @@ def _look(line: Line, drive: ForeignDrive, pipeline: Pipeline, stamp: int) -> No
             "effective_modulus": (modulus + low, modulus + high),
         },
     )  # fmt: skip
+    if world.hidden:
+        line["error"], line["stated"] = {}, {}  # no n and no modulus is right
 
 
 def _of_the_whole(
@@ -233,6 +239,16 @@ def _named(hidden: bool, line: Line) -> int:
     return int(bool(line["effect"]) and bool(_hides(line)) == hidden)
 
 
+def _digs(hidden: bool, line: Line) -> int:
+    """Whether wheels dig in with slip, or do not, where sinkages are measured."""
+    world = WORLDS[line["world"]]
+    return int(world.soil_sensors and (world.hidden == "slip") == hidden)
+
+
+def _said_to_dig(hidden: bool, line: Line) -> int:
+    return _digs(hidden, line) * int(line["slip_digs"])
+
+
 _FALSE = [
     Judge(
         f"false in 500 m by {name}, nothing stuck",
@@ -256,5 +272,13 @@ JUDGES = [
     Judge("changes in 500 m of one soil", events(_changes, _one_soil, 500.0), most=2.0),
     Judge("effects named where there are none", share(partial(_named, False), _plain), most=0.05),
     Judge("hidden effects that raise the alarm", share(partial(_named, True), _hides)),
+    *(
+        Judge(
+            f"slip sinkage in the status, {words}",
+            share(partial(_said_to_dig, hidden), partial(_digs, hidden)),
+            most=most,
+        )
+        for words, hidden, most in (("hidden", True, None), ("none there", False, 0.05))
+    ),
 ]
 SUBJECTS = [Subject("foreign", list(WORLDS), trial, JUDGES, 3, 25.0)]

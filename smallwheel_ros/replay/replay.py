@@ -106,7 +106,8 @@ def replay(
             if result.measurements:
                 measured.to_csv(folder / MEASUREMENTS, index=False)
                 if result.state != "interrupted":
-                    result.diagnosis = diagnosed(measured, spec.folder / MEASUREMENTS)
+                    remarks = result.pipeline.soil.remarks
+                    result.diagnosis = diagnosed(measured, spec.folder / MEASUREMENTS, remarks)
             if result.state != "interrupted" and (saved := drive.save_soil()):
                 result.notes.append(saved)
             drive.write_map(folder / FILES["cost_map"])

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from smallwheel_ros.replay.diagnosis import diagnosed
+from smallwheel_ros.replay.diagnosis import diagnosed, evened
 from smallwheel_ros.simulate.truth import static_sinkage
 
 
@@ -34,6 +36,36 @@ def stretches(count: int, slip_sinkage: float = 0.0) -> pd.DataFrame:
     )  # fmt: skip
 
 
+def on_two_sides(zeros: tuple[float, float, float, float], count: int = 200) -> pd.DataFrame:
+    """Stretches of two axles, to whose left and right sinkages (m) something is added."""
+    table = stretches(count)
+    left = np.arange(count) // 2 % 2
+    number = 2 * left + np.arange(count) % 2
+    table["wheel"] = table["wheel"] + np.where(left, "_left", "_right")
+    return table.assign(**{"sinkage [m]": table["sinkage [m]"] + np.array(zeros)[number]})
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.tuples(*[st.floats(-0.002, 0.002)] * 4))
+def test_what_left_and_right_differ_by_is_taken_out_and_no_more(
+    zeros: tuple[float, float, float, float],
+) -> None:
+    found, plain = evened(on_two_sides(zeros)), evened(on_two_sides((0.0,) * 4))
+    for axle, (right, left) in enumerate([(zeros[0], zeros[2]), (zeros[1], zeros[3])]):
+        mine = np.arange(200) % 2 == axle
+        moved = (found["sinkage [m]"] - plain["sinkage [m]"])[mine]
+        assert moved.to_numpy() == pytest.approx(0.5 * (left + right), abs=1e-4)
+
+
+def test_wheels_of_two_sizes_or_on_two_passes_are_not_compared() -> None:
+    table = stretches(200)
+    pd.testing.assert_frame_equal(evened(table), table)
+    passes = table.assign(
+        pass_number=1 + np.arange(200) % 2, **{"diameter [m]": 0.3, "width [m]": 0.1}
+    )
+    pd.testing.assert_frame_equal(evened(passes), passes)
+
+
 def test_of_a_short_drive_nothing_is_said_but_that() -> None:
     found = diagnosed(stretches(60), Path("measurements.csv"))
     assert found.to_dict()["verdict"] is None
@@ -55,6 +87,16 @@ def test_where_nothing_shows_no_model_is_refitted() -> None:
     first, second = found.lines
     assert first.startswith("Diagnosis of 140 steady stretches: no missing effect shows (p")
     assert "smallwheel diagnose out/measurements.csv" in second
+
+
+def test_what_the_filter_has_found_is_said_where_stretches_do_not_show_it() -> None:
+    remark = "sinkage grows with slip, s = 0.9 +- 0.2"
+    for count in (60, 140):
+        found = diagnosed(stretches(count), Path("out/measurements.csv"), [remark])
+        assert remark in found.lines[0]
+        assert "no missing effect" not in found.lines[0]
+        assert found.to_dict()["by_filter"] == [remark]
+        assert found.effects == ()
 
 
 @pytest.mark.slow
