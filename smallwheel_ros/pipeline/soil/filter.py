@@ -15,11 +15,13 @@
               and n; Huang, Mourikis and Roumeliotis 2008): n was 5.7 deviations off in a drive that keeps
               the law. After the 456th, x is the newest once the law has moved by half a deviation.
 
-    R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (ruts of many passes) + by^2 S^2 r + A c
+    R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (s i z / 2)^2 + (ruts of many passes)
+        + by^2 S^2 r w + A c
 
 S is the soil's deviation of ln k from place to place; A is the variance of shown sinkage that the
 load has no part in. Both are learnt from the innovations (`SoilScatter`). r and c are 2/e and 1 for
-a stretch alone, 2 and (1 + a)/(1 - a) for one among neighbours whose correlation is a.
+a stretch alone, 2 and (1 + a)/(1 - a) for one among neighbours whose correlation is a; w, for one among
+neighbours, is the number of wheels that run in its track, since they meet the same places.
 
 A wrong zero of the sinkage sensors bends u and n together, and far from linearly. There is
 therefore a filter for each of 11 zeros, each as uncertain of its own as about the distance to its
@@ -76,7 +78,7 @@ _SHARES = np.cosh(_AT) * np.exp(-0.5 * _ZEROS**2)
 _SHARES /= _SHARES.sum()
 _WHOLE = float(_SHARES @ (_ZEROS**2 + _OWN))  # variance of all together, to be 1
 _ZEROS, _OWN = _ZEROS / math.sqrt(_WHOLE), _OWN / _WHOLE
-_WIDE_SHARE = 0.3  # that anything is wrong at all
+_WIDE_SHARE = 0.5  # that anything is wrong at all: as likely as not
 _TEMPER, _FORGET, _LOWEST = 0.5, 0.002, -15.0
 # Of likelihoods that weigh the bank, at most: members differ by what the law bends to as well, so that a
 # zero would be known too well. Of 0.2 to 0.5, by a few drives of another author's simulator: hardly settled.
@@ -189,7 +191,7 @@ class SoilFilter:
         reference: tuple[float, float, float],
     ) -> None:
         self.model = LawModel(prior, settings, effects, wheels, reference)
-        self.scatter = SoilScatter(settings.soil_scatter, len(wheels))
+        self.scatter = SoilScatter(settings.soil_scatter, wheels)
         model = self.model
         named, unnamed = model.soil_covariance, model.unnamed_covariance
         self.bank = self._bank(model.mean, model.fault_free(named), unnamed)

@@ -54,6 +54,9 @@ SIDE_STD = 0.3  # of a: soils under the two sides of a vehicle differ by a facto
 _LOAD_SCALE_STD = 0.1  # of l
 _LOAD_ZERO_STD = 0.03  # of b
 _SLIP_SINKAGE_STD = 1.0  # of s
+# Of what slip adds to a sinkage: forms of effects/slip.py that agree at a slip of 0.3 differ by up to half of
+# it at 0.1 and 0.6, and where slip digs in time it depends on more than slip.
+_SLIP_DOUBT = 0.5
 _DELAY_STD = 0.1  # s, of t
 _PITCH_STD = 0.01  # m/rad, of e
 _SINKAGE_SCALE_STD = (
@@ -184,7 +187,7 @@ def covariates(
 
 @dataclass(frozen=True)
 class Shown(Columns):
-    """h(x) (m), H (rows, size), slope by ln load, and the variance (m^2) due to ruts of many passes."""
+    """h(x) (m), H (rows, size), slope by ln load, and the variance (m^2) of what ruts and slip change."""
 
     value: Array
     H: Array
@@ -376,7 +379,8 @@ class LawModel:
         row[:, DELAY] = -by_load * rows.load_rate
         row[:, PASS] = rows.passes * value
         row[:, SLIP] = static.value * rut * slip
-        return Shown(value, row, by_load, (rows.pass_doubt * passed * value) ** 2)
+        doubt = (rows.pass_doubt * passed * value) ** 2 + (_SLIP_DOUBT * digs * row[:, SLIP]) ** 2
+        return Shown(value, row, by_load, doubt)
 
 
 def reference_wheel(

@@ -8,6 +8,8 @@ from copy import copy
 
 import numpy as np
 
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.rows.motion import ahead_of
 from smallwheel_ros.pipeline.tables import Array
 
 from .model import Shown
@@ -22,19 +24,23 @@ class SoilScatter:
 
     By a regression of nu^2 - H P H - base on (1, by^2 share): `additive` (m^2), and `soil`, the
     variance of ln k at a place. `share` is the part of that variance left in the mean over a stretch.
+    Wheels that run in one track meet the same places: so many of them measure the law as one does.
     """
 
     _MEMORY, _TOLD = 150.0, 30.0  # stretches; that what is told of the soil's scatter counts for
 
-    def __init__(self, soil_scatter: float, wheels: int) -> None:
+    def __init__(self, soil_scatter: float, wheels: tuple[Wheel, ...]) -> None:
         self._told = soil_scatter**2
         self.additive, self.soil = 0.0, soil_scatter**2
         # Mean over a length as long as the correlation of an Ornstein-Uhlenbeck process: its variance, and
         # that of many such means together, over the variance at a point.
         self.share, self.together = 2.0 * math.exp(-1.0), 2.0
+        self._track = np.array(
+            [1.0 + sum(len(ahead_of(wheels, w, way)) for way in (-1, 1)) for w in wheels]
+        )
         self._normal: Array = np.zeros((2, 2))
         self._moment: Array = np.zeros(2)
-        self._newest = np.zeros(wheels)  # normalised innovations
+        self._newest = np.zeros(len(wheels))  # normalised innovations
         self._products: Array = np.array([0.0, 1.0])  # of neighbours, and squares
 
     def copy(self) -> SoilScatter:
@@ -71,7 +77,8 @@ class SoilScatter:
         base = rows.variance + by_load * rows.load_variance
         base = base + (MODEL_ERROR * shown.value) ** 2 + shown.doubt
         alone = base + self.share * by_load * self.soil + self.additive
-        counts = base + self.together * by_load * self.soil + self.alike * self.additive
+        places = self.together * self._track[rows.wheel] * by_load * self.soil
+        counts = base + places + self.alike * self.additive
         return alone, counts, base
 
     @property
