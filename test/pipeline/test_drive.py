@@ -305,7 +305,7 @@ def test_too_heavy_a_load_is_sunk_to_the_axle() -> None:
             ("w/wheel_speed", stamp, (speed / 0.125,), stamp),
             ("w/load", stamp, (1e7,), stamp),
         ]
-        rows += [("w/sinkage", stamp, (0.05, 0.0), stamp)]
+        rows += [("w/sinkage", stamp, (0.125, 0.0), stamp)]  # that of the axle
     _, made = run(vehicle, rows)
     assert (made.status[20:] == Status.SUNK_TO_AXLE).all()  # before, the soil is any
     for name in ("sinkage", "compaction_resistance", "drawbar_pull"):

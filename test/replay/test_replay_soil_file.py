@@ -47,9 +47,9 @@ def test_a_soil_is_gone_on_from_and_saved(drive: Path, config: Path, tmp_path: P
     saved = soil.read_bytes()
     second = sw.replay(drive, config, tmp_path / "b", copy="none", soil_file=soil)
     assert any(f"soil restored from {soil}" in note for note in second.notes)
-    one = json.loads((tmp_path / "a" / "replay.json").read_text())["soil"]["reference_pressure"]
-    two = second.to_dict()["soil"]["reference_pressure"]
-    assert two["std"] < one["std"]  # it knew more at its beginning
+    column = "sinkage_predicted_standard_deviation"
+    one, two = (pd.read_csv(tmp_path / name / "estimates.csv")[column].dropna() for name in "ab")
+    assert two.head(200).mean() < 0.7 * one.head(200).mean()  # it knew more at its beginning
     assert soil.read_bytes() != saved
 
 
