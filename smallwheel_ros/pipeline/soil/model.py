@@ -54,8 +54,8 @@ SIDE_STD = 0.3  # of a: soils under the two sides of a vehicle differ by a facto
 _LOAD_SCALE_STD = 0.1  # of l
 _LOAD_ZERO_STD = 0.03  # of b
 _SLIP_SINKAGE_STD = 1.0  # of s
-# Of what slip adds to a sinkage: forms of effects/slip.py that agree at a slip of 0.3 differ by up to half of
-# it at 0.1 and 0.6, and where slip digs in time it depends on more than slip.
+# Of what slip adds to a sinkage: where forms linear and quadratic in slip agree at 0.3, they differ by
+# factors of 3 at 0.1 and 2 at 0.6 (effects/slip.py); where slip digs in time it depends on more than slip.
 _SLIP_DOUBT = 0.5
 _DELAY_STD = 0.1  # s, of t
 _PITCH_STD = 0.01  # m/rad, of e
