@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import ALARM
+from smallwheel_ros.fitting.noise import NORMAL
 from smallwheel_ros.measurements.display import effect_words
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ _LIKELY = 0.5  # probability from which the likeliest of several candidates is s
 # What wheels may not differ in, of those whose sinkages are compared: the tracks of others count as well.
 _ALIKE = ("diameter [m]", "width [m]", "contact", "pass_number")
 _HUBER = 1.5  # deviations from which on a stretch counts less
+_LEAST = 1e-6  # m, where all stretches agree: no gauge shows less
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ def evened(table: pd.DataFrame) -> pd.DataFrame:
         if wheels == 1 or len(rows) < 2 * about.shape[1]:
             continue
         first = np.linalg.lstsq(about, shown, rcond=None)[0]
-        size = max(1.4826 * float(np.median(np.abs(shown - about @ first))), 1e-6)
+        size = max(NORMAL * float(np.median(np.abs(shown - about @ first))), _LEAST)
 
         def errors(x: Array, about: Array = about, shown: Array = shown) -> Array:
             return np.asarray(about @ x - shown)

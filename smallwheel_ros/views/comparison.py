@@ -66,7 +66,7 @@ _CAVEATS = (
     "A smaller error does not prove the physics: parameters that were fitted to the data can absorb an "
     "effect that the model lacks.",
 )
-_MISSING = "an effect is missing (`smallwheel diagnose`), or a zero is off"
+_MISSING = MISSING.replace("is missing", "is missing (`smallwheel diagnose`)")
 _DIAGNOSE = "`smallwheel diagnose` looks for an effect that a model lacks."
 _NO_FLOOR = "the diagnosis could not tell noise from misfit: repeat runs"
 _NO_RUNS = (

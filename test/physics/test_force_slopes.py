@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smallwheel_ros.physics.force_slopes import WheelRows, sloped_forces
+from smallwheel_ros.physics.force_slopes import WheelRows, forces_of, sloped_forces
 from smallwheel_ros.physics.stresses import ShearLaw, wheel_forces
 
 RNG = np.random.default_rng(3)
@@ -51,6 +51,7 @@ def test_it_is_the_law_of_the_bench(way: str, layered: bool) -> None:
     rim = exact.torque / (0.5 * w.diameter)
     expected = [exact.thrust, exact.thrust - exact.resistance, rim]
     np.testing.assert_allclose(found, expected, atol=1e-9)
+    np.testing.assert_allclose(forces_of(w, more), found, rtol=1e-12)
 
 
 @pytest.mark.parametrize("way", SLIPS)

@@ -21,7 +21,14 @@ from smallwheel_ros.physics.force_slopes import WheelRows, sloped_forces
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 from smallwheel_ros.pipeline.strength.contact import OnSoil
 from smallwheel_ros.pipeline.strength.filter import StrengthFilter
-from smallwheel_ros.pipeline.strength.forces import COHESION, FRICTION, OTHER, Rolling, forces
+from smallwheel_ros.pipeline.strength.forces import (
+    COHESION,
+    FRICTION,
+    OTHER,
+    Rolling,
+    forces,
+    pull_and_rim,
+)
 from smallwheel_ros.pipeline.strength.forces import WHEELS as WHEELS_AT
 from smallwheel_ros.pipeline.strength.steps import Steps
 from smallwheel_ros.pipeline.strength.two_filters import Strengths
@@ -96,6 +103,22 @@ def drive(strengths: Strengths, angle: float, begin: int = 0, soil: int = 0) -> 
 
 def angle_of(strengths: Strengths) -> Quantity:
     return Quantity(*constants_of(strengths.believed.newest[0])["friction_angle"])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_forces_without_slopes_are_those_with_them(seed: int) -> None:
+    """Whatever the state, and with an effect's factor and a resistance besides."""
+    rng = np.random.default_rng(seed)
+    strengths = fresh()
+    drive(strengths, 0.42)
+    now = strengths.believed.newest[0]
+    x = now.x + rng.normal(0.0, 0.05, now.x.size)
+    x[[COHESION, OTHER]] = rng.uniform(0.0, 500.0), rng.uniform(-0.05, 0.1)
+    on = replace(contact(4), factor=rng.uniform(0.6, 1.4, 4), other=rng.uniform(0.0, 5.0, 4))
+    slip = rng.uniform(-0.3, 0.9, 4)
+    at = Rolling(ALL, on, np.full(4, 0.25), np.full(4, 0.1), slip, 0.1)
+    _, pull, rim = forces(x, now.cells, at)
+    np.testing.assert_allclose(pull_and_rim(x, now.cells, at), [pull.value, rim.value], rtol=1e-12)
 
 
 def test_balance_finds_the_friction_angle() -> None:
