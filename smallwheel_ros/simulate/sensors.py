@@ -262,9 +262,10 @@ class MeasuredRows:
         noise = math.radians(0.2) * self.normal((2, time.size))
         shown, side = climb + off[0] + noise[0], roll + off[1] + noise[1]
         up = [np.sin(shown), np.cos(shown) * np.sin(side), np.cos(shown) * np.cos(side)]
+        unknown = np.full(time.size, np.nan)  # the pitch rate
         if drives:
-            up = [np.full(time.size, np.nan)] * 3
-        return _stamped(time, np.column_stack([turn, felt, *up]))
+            up = [unknown] * 3
+        return _stamped(time, np.column_stack([turn, felt, *up, unknown]))
 
 
 def _stamped(time: Array, values: Array) -> tuple[Integers, Array]:
