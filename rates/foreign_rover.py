@@ -338,7 +338,7 @@ def _measured(world: ForeignWorld, truth: ForeignTruth, rng: np.random.Generator
     felt = GRAVITY * up + rng.normal(0.0, 0.15, up.shape)
     felt[0] += at(truth.gain, times)
     turns = at(truth.yaw_rate, times) + rng.normal(0.0, 0.004, times.size)
-    stream("imu", times, turns, *felt, *up, np.full(times.size, np.nan))
+    stream("imu", times, turns, *felt, *up, 0.0 * times)
     return rows
 
 

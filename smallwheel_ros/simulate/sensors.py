@@ -262,10 +262,10 @@ class MeasuredRows:
         noise = math.radians(0.2) * self.normal((2, time.size))
         shown, side = climb + off[0] + noise[0], roll + off[1] + noise[1]
         up = [np.sin(shown), np.cos(shown) * np.sin(side), np.cos(shown) * np.cos(side)]
-        unknown = np.full(time.size, np.nan)  # the pitch rate
         if drives:
-            up = [unknown] * 3
-        return _stamped(time, np.column_stack([turn, felt, *up, unknown]))
+            up = [np.full(time.size, np.nan)] * 3
+        pitch_rate = np.zeros(time.size)  # it gives none
+        return _stamped(time, np.column_stack([turn, felt, *up, pitch_rate]))
 
 
 def _stamped(time: Array, values: Array) -> tuple[Integers, Array]:
