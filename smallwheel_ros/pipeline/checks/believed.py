@@ -9,14 +9,14 @@ holds data only, no stage.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from smallwheel_ros.common.stamps import NEVER, SECOND
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.pipeline.intake.buffer import Samples, StampRules
 from smallwheel_ros.pipeline.intake.layout import width_of
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers
@@ -103,8 +103,10 @@ class BelievedRows:
         Settings of the vehicle.
     rules
         Rules for stamps: among others, how long a value is held.
-    streams
-        Raw rows by stream, as kept.
+    source
+        The stream that gives the speed over ground.
+    streams, arrived
+        Raw rows by stream: all that are kept, and those in (since, done].
     moves
         Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: unknown) over ground as measured,
         (rows, 3).
@@ -123,7 +125,9 @@ class BelievedRows:
 
     settings: OnboardSettings
     rules: StampRules
+    source: str
     streams: Mapping[str, Samples]
+    arrived: Mapping[str, Rows] = field(default_factory=dict)
     moves: Samples = NO_ROWS
     felt: Samples = NO_ROWS
     trusted: Samples = NO_ROWS
@@ -132,11 +136,6 @@ class BelievedRows:
     done: int = NEVER
     began: tuple[int, ...] = ()
     anew: tuple[int, ...] = ()
-
-    @property
-    def source(self) -> str:
-        """The stream that gives the speed over ground."""
-        return VELOCITY if self.settings.velocity == "topic" else ODOMETRY
 
     @cached_property
     def _ever(self) -> frozenset[str]:
@@ -337,7 +336,7 @@ class BelievedRows:
 
     def new(self, name: str) -> Rows:
         """Rows of a stream in (since, done], NaN where it is doubted."""
-        stamps, values = self.streams.get(name, NO_ROWS).between(self.since, self.done)
+        stamps, values = self.arrived.get(name, (NO_ROWS.stamps, NO_ROWS.values))
         return stamps, self._of(name, stamps, values)
 
     def new_imu(self) -> Rows:

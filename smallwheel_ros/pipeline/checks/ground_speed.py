@@ -53,6 +53,7 @@ from .believed import (
     SLIDES,
     BelievedRows,
     RawRows,
+    Rows,
     mean_of_known,
 )
 from .doubts import Doubts
@@ -161,8 +162,10 @@ class GroundSpeed:
         self._of_unsteered, self._goes_against = OfWheels(), Against()
         self._inertial, self._unfelt = InertialSpeed(settings.gravity), Unfelt(settings.gravity)
 
-    def take(self, raw: Mapping[str, Samples]) -> None:
-        """Add the rows that arrived, by stream."""
+    def take(self, raw: Mapping[str, Samples], since: int) -> None:
+        """Add the rows that arrived, by stream; those before a stamp (ns) are not needed any more."""
+        for stream in (self.moves, self.felt, self._own, self._trust):
+            stream.forget(since)
         self._raw = raw
         self._turn_over()
         self._speeds()
@@ -172,13 +175,13 @@ class GroundSpeed:
         waits = self._own.newest != NEVER and self.source not in raw.silent
         return min(raw.until, self.moves.newest) if self.posed and waits else raw.until
 
-    def forget(self, before: int) -> None:
-        """Drop rows that are no longer needed."""
-        for stream in (self.moves, self.felt, self._own, self._trust):
-            stream.forget(before)
-
     def believed(
-        self, since: int, done: int, began: tuple[int, ...] = (), anew: tuple[int, ...] = ()
+        self,
+        since: int,
+        done: int,
+        arrived: Mapping[str, Rows] | None = None,
+        began: tuple[int, ...] = (),
+        anew: tuple[int, ...] = (),
     ) -> BelievedRows:
         """Believed rows, with everything learnt up to the newest one.
 
@@ -188,6 +191,8 @@ class GroundSpeed:
             Stamp up to which rows were taken in earlier blocks, ns.
         done
             Stamp up to which rows are taken now, ns.
+        arrived
+            Raw rows of each stream between these two; None where only rows at instants are asked for.
         began
             Stamps at which a doubt began in this block, ns.
         anew
@@ -195,8 +200,9 @@ class GroundSpeed:
         """
         own = self.moves.samples, self.felt.samples, self._trust.samples
         return BelievedRows(
-            self.settings, self.rules, self._raw, *own, self.doubts.now, since, done, began, anew
-        )
+            self.settings, self.rules, self.source, self._raw, arrived or {}, *own, self.doubts.now,
+            since, done, began, anew,
+        )  # fmt: skip
 
     @property
     def goes_against(self) -> bool:
@@ -338,7 +344,9 @@ class GroundSpeed:
         each_rim = now.each_rim_of(shown, instants.size)
         rims = now.rims(instants, each_rim)
         mean, size, half_turn = (each.reshape(middle.size, -1) for each in rims)
-        moved, gyro = (shown[name][:, 0].reshape(middle.size, -1) for name in (MOVES, FELT))
+        moved = shown[MOVES][:, 0].reshape(middle.size, -1)
+        imu = shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size]
+        felt_ahead = self._felt_ahead(imu)
         before = np.concatenate([[sums.stamp], stamps[:-1]])
         passed = np.where(stamps - before > WINDOW, 0, stamps - before) / SECOND
         sums.stamp = int(stamps[-1])
@@ -361,15 +369,10 @@ class GroundSpeed:
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
         # By how much the speed comes later than gyro and rims, the larger one, or may come.
-        turns_late = self._turns_late.take(turn, gyro[:, : LAGS.size])
+        turns_late = self._turns_late.take(turn, imu[:, :, 0])
         lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
-        imu = shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size]
-        late = np.rint(np.nan_to_num(lag) * SECOND / LAGS[1]).astype(int)
-        inertial = imu[np.arange(middle.size), late, INERTIAL]
-        unfelt = self._unfelt.take(middle, speed, moved[:, -2], inertial)
-        lag = np.where(np.isnan(lag), LATE, lag)
         against, slides = self._goes_against.take(
-            mean[:, 0], half_turn[:, 0], speed, passed, *self._felt_ahead(imu)
+            mean[:, 0], half_turn[:, 0], speed, passed, *felt_ahead
         )
         if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels
             made, may_be, share = self._of_wheels.take(ways_before, way, parts)
@@ -382,6 +385,10 @@ class GroundSpeed:
             other = self._of_unsteered.take(ways_before, way, unsteered)
             share = np.where(other[0] & ~made, other[2], share)
             made, may_be = made | other[0], may_be | other[1]
+        late = np.rint(np.nan_to_num(lag) * SECOND / LAGS[1]).astype(int)
+        inertial = imu[np.arange(middle.size), late, INERTIAL]
+        unfelt = self._unfelt.take(middle, speed, moved[:, -2], inertial)
+        lag = np.where(np.isnan(lag), LATE, lag)
         since = (stamps - changed) / SECOND
         same = since, way - changed_way
         rows = [

@@ -108,7 +108,6 @@ def mobility(
         )
         for name, values in made.items():
             found[name][mine] = values
-    other_std = np.sqrt(on.variance(other=1.0, log_load=beyond) + unsure**2)
     nothing = np.where(on.sunk | np.isnan(on.sinkage), np.nan, 1.0)
     loaded = WheelsUnderLoad(
         rows.wheel, load, (load_std / load) ** 2, np.zeros(count), rows.slip, rows.speed, rows.passes,
@@ -118,6 +117,7 @@ def mobility(
     measured = np.isfinite(sinkage)
     sinkage = np.where(measured, sinkage, on.shown) * nothing
     sinkage_std = np.sqrt(np.where(measured, variance, on.variance(sinkage=1.0))) * nothing
+    other_std = np.sqrt(on.variance(other=1.0, log_load=beyond) + unsure**2)
     whole = on.compaction + on.other + beyond
     # Over the load, whose own deviation counts in both.
     ratio = on.variance(compaction=1.0, other=1.0, log_load=beyond - whole) + unsure**2
