@@ -28,7 +28,6 @@ import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -60,6 +59,7 @@ from .doubts import Doubts
 from .lateness import LAGS, LATE, Against, Lag, OfWheels
 from .sums import RunningDeviation
 from .unfelt import InertialSpeed, Unfelt
+from .window import Known
 
 SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL, ASIDE = range(11)
 WINDOW = (
@@ -83,42 +83,6 @@ _GUESSED = 3  # readings that `_UNTRIED` and `_SCAN` count for
 _UNTRIED = (
     0.1  # m/s at rest, as a share like `_SLOW`: six odometries of real robots had 0.04 to 0.2
 )
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of odometry and imu, for the rules that report it.
-
-    Attributes
-    ----------
-    share
-        For an odometry computed from the wheels, share of the way by which it differs from a multiple of the
-        rims'; NaN for an independent one.
-    no_twist
-        Distance by the pose while no twist has come, m; NaN once one has.
-    down
-        Whether z of the imu points down.
-    against
-        Distance driven against the rims, m, if that is nearly all of it; else 0.
-    slides
-        Whether nearly all of the distance was, but the vehicle may be sliding down a slope.
-    """
-
-    share: float = math.nan
-    no_twist: float = 0.0
-    down: bool = False
-    against: float = 0.0
-    slides: bool = False
-
-    @cached_property
-    def of_wheels(self) -> bool:
-        """Whether the odometry is computed from the wheels."""
-        return math.isfinite(self.share)
-
-    @cached_property
-    def twist(self) -> bool:
-        """Whether a twist has come."""
-        return math.isnan(self.no_twist)
 
 
 @dataclass

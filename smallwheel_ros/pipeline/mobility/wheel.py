@@ -98,9 +98,9 @@ def mobility(
     rolls &= ~on.sunk & np.isfinite(on.sinkage) & np.isfinite(reference.sinkage)
     mine = np.flatnonzero(rolls)
     if mine.size:
-        now, reserve = strengths.at(strength[mine])
         rolling, own, at_reference = rows.take(mine), on.take(mine), reference.take(mine)
         of = strengths.rolling(rolling.wheel, own, rolling.slip)
+        now, reserve = strengths.at(strength[mine])
         beyond[mine] = on.load[mine] * now.x[:, OTHER]
         unsure[mine] = on.load[mine] * np.sqrt(now.P[:, OTHER, OTHER])
         made = _pulls(rolling, of, now) | _margins(
