@@ -50,6 +50,7 @@ from .believed import (
     MOVES,
     NO_ROWS,
     SLIDES,
+    UNFELT,
     BelievedRows,
     RawRows,
     Rows,
@@ -169,10 +170,15 @@ class GroundSpeed:
         )  # fmt: skip
 
     @property
-    def goes_against(self) -> bool:
-        """Whether, up to the newest message, the speed goes against the rims."""
-        values = self._trust.samples.values
-        return bool(values.size and values[-1, AGAINST] > 0.0)
+    def doubt(self) -> str:
+        """Why the newest speed is not believed, by itself; empty where it is."""
+        newest = self._trust.samples.values[-1:]
+        if (newest[:, AGAINST] > 0.0).any():
+            way = "where the wheels turn ahead, or ahead where back"
+            return f"so far all goes backward by {self.source} {way}"
+        if newest[:, UNFELT].any():
+            return f"the imu does not feel how the speed of {self.source} changes"
+        return ""
 
     def known(self, stamp: int) -> Known:
         """State of knowledge at a stamp (ns) up to which everything has been learnt."""
