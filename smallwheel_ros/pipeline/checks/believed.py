@@ -9,7 +9,7 @@ holds data only, no stage.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -105,8 +105,8 @@ class BelievedRows:
         Rules for stamps: among others, how long a value is held.
     source
         The stream that gives the speed over ground.
-    streams, arrived
-        Raw rows by stream: all that are kept, and those in (since, done].
+    streams
+        Raw rows by stream, as kept.
     moves
         Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: unknown) over ground as measured,
         (rows, 3).
@@ -127,7 +127,6 @@ class BelievedRows:
     rules: StampRules
     source: str
     streams: Mapping[str, Samples]
-    arrived: Mapping[str, Rows] = field(default_factory=dict)
     moves: Samples = NO_ROWS
     felt: Samples = NO_ROWS
     trusted: Samples = NO_ROWS
@@ -336,7 +335,7 @@ class BelievedRows:
 
     def new(self, name: str) -> Rows:
         """Rows of a stream in (since, done], NaN where it is doubted."""
-        stamps, values = self.arrived.get(name, (NO_ROWS.stamps, NO_ROWS.values))
+        stamps, values = self.streams.get(name, NO_ROWS).between(self.since, self.done)
         return stamps, self._of(name, stamps, values)
 
     def new_imu(self) -> Rows:

@@ -53,7 +53,6 @@ from .believed import (
     UNFELT,
     BelievedRows,
     RawRows,
-    Rows,
     mean_of_known,
 )
 from .doubts import Doubts
@@ -141,12 +140,7 @@ class GroundSpeed:
         return min(raw.until, self.moves.newest) if self.posed and waits else raw.until
 
     def believed(
-        self,
-        since: int,
-        done: int,
-        arrived: Mapping[str, Rows] | None = None,
-        began: tuple[int, ...] = (),
-        anew: tuple[int, ...] = (),
+        self, since: int, done: int, began: tuple[int, ...] = (), anew: tuple[int, ...] = ()
     ) -> BelievedRows:
         """Believed rows, with everything learnt up to the newest one.
 
@@ -156,8 +150,6 @@ class GroundSpeed:
             Stamp up to which rows were taken in earlier blocks, ns.
         done
             Stamp up to which rows are taken now, ns.
-        arrived
-            Raw rows of each stream between these two; None where only rows at instants are asked for.
         began
             Stamps at which a doubt began in this block, ns.
         anew
@@ -165,8 +157,8 @@ class GroundSpeed:
         """
         own = self.moves.samples, self.felt.samples, self._trust.samples
         return BelievedRows(
-            self.settings, self.rules, self.source, self._raw, arrived or {}, *own, self.doubts.now,
-            since, done, began, anew,
+            self.settings, self.rules, self.source, self._raw, *own, self.doubts.now, since, done,
+            began, anew,
         )  # fmt: skip
 
     @property

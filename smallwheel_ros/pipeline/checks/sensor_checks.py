@@ -71,4 +71,4 @@ class SensorChecks:
         if last:
             self.findings += tuple(self.rules.flush())
         began = tuple(stamp for stamp in self.doubts.began if stamp > since)
-        return self.ground.believed(since, self.done, new, began, tuple(self.rules.anew))
+        return self.ground.believed(since, self.done, began, tuple(self.rules.anew))
