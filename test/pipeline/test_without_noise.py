@@ -51,7 +51,7 @@ def drives(draw: Any) -> tuple[NodeSettings, list[Row]]:
         pose = x, y, float(np.cos(heading)), float(np.sin(heading))
         add(ODOMETRY, stamp, *speed, *pose, 0.0, 0.0, 0.0, 0.0)
         up = (0.0, 0.0, 1.0) if oriented else (np.nan, np.nan, np.nan)
-        add(IMU, stamp, w, 0.0, v * w, 9.80665, *up)
+        add(IMU, stamp, w, 0.0, v * w, 9.80665, *up, 0.0)
     of = rover if soil else static_rover
     return of(**{"twist.publish": True}), rows
 

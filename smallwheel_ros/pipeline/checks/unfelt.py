@@ -3,11 +3,12 @@
 
 An observer carries the speed on by the imu alone and is corrected by the ground speed, within some seconds:
 
-    dv/dt = a - g sin(slope) - z + 2 e/T,    dz/dt = -e/T^2,    e = (speed over ground) - v
+    dv/dt = a - g sin(slope) - z + 3 e/T,    dz/dt = w - 3 e/T^2,    dw/dt = -e/T^3
 
-a is the specific force ahead, z what the accelerometer shows on the level at rest (both poles at 1/T). e is
-what has not been felt of the speed's changes. Wheels that dig in brake a vehicle, which is felt; a ground
-speed that changes where nothing is felt is in error, or its stamps are.
+a is the specific force ahead, z what the accelerometer shows on the level at rest, w how it drifts: a pitch
+rate that is off adds up to a slope. All three poles are at 1/T. e = (speed over ground) - v is what has not
+been felt of the speed's changes. Wheels that dig in brake a vehicle, which is felt; a ground speed that
+changes where nothing is felt is in error, or its stamps are.
 """
 
 from __future__ import annotations
@@ -17,13 +18,16 @@ import math
 import numpy as np
 
 from smallwheel_ros.common.stamps import SECOND
+from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 
 from .lateness import MOVES
 from .sums import RunningDeviation
 
 _WITHIN = 3.0  # s, T: in less vibration hides a change, in more the zero drifts and slopes add up
-_LONGEST = 1.0  # s between two rows over which what is felt is added up
+# ns, after which a twentieth of what was off at first is left.
+_SETTLES = round(3 * _WITHIN * SECOND)
+_LONGEST = 2.0  # s between two speeds: some odometries send one a second
 # Of a change in the last second, at least, that a doubted speed leaves unfelt.
 _UNFELT = 0.5
 # Deviations of e, which are what 0.8 of its sizes keep to; heavy tails, as in the warning.
@@ -59,7 +63,7 @@ class InertialSpeed:
         """
         before = np.concatenate([stamps[:1] if self._stamp is None else [self._stamp], stamps[:-1]])
         seconds = (stamps - before) / SECOND
-        seconds = np.where(seconds > _LONGEST, 0.0, seconds)
+        seconds = np.where(seconds > MAXIMUM_GAP, 0.0, seconds)
         ahead, up, pitch_rate = np.nan_to_num(felt[:, 1]), felt[:, 4], np.nan_to_num(felt[:, 7])
         turns = np.concatenate([self._sums[:1], -pitch_rate * seconds])
         nose_up = np.cumsum(turns)[1:]
@@ -78,7 +82,8 @@ class Unfelt:
     def __init__(self, gravity: float) -> None:
         self._least = gravity * _LEAST
         self._deviation = RunningDeviation(_COUNT)
-        self._stamp, self._speed, self._zero, self._inertial = 0, math.nan, 0.0, math.nan
+        self._stamp, self._speed, self._inertial, self._settled = 0, math.nan, math.nan, 0
+        self._zero = self._drift = 0.0
 
     def take(self, stamps: Integers, speed: Array, earlier: Array, inertial: Array) -> Flags:
         """Judge messages in their order.
@@ -110,16 +115,21 @@ class Unfelt:
             return np.asarray(unfelt & (np.abs(off) > _SURELY * np.maximum(spread, least)))
 
     def _missed(self, stamp: int, speed: float, inertial: float) -> float:
-        """By how much (m/s) the speed is off what the imu makes of those before; NaN: unknown."""
+        """By how much (m/s) the speed is off what the imu makes of those before; NaN: not known yet."""
         seconds = (stamp - self._stamp) / SECOND
         felt = inertial - self._inertial
         self._stamp, self._inertial = stamp, inertial
-        if not (0.0 <= seconds <= _LONGEST and math.isfinite(felt + self._speed)):
-            self._speed = speed
+        if not (0.0 < seconds <= _LONGEST and math.isfinite(felt + self._speed)):
+            self._speed, self._settled = speed, stamp + _SETTLES
             return math.nan
-        self._speed += felt - self._zero * seconds
+        self._speed += felt - (self._zero + 0.5 * self._drift * seconds) * seconds
+        self._zero += self._drift * seconds
         off = speed - self._speed
         if math.isfinite(off):
-            self._speed += min(2.0 * seconds / _WITHIN, 1.0) * off
-            self._zero -= seconds / _WITHIN**2 * off
-        return off
+            # Gains of a fading memory of second degree (Morrison 1969): critically damped at any period.
+            kept = math.exp(-seconds / _WITHIN)
+            lost = 1.0 - kept
+            self._speed += (1.0 - kept**3) * off
+            self._zero -= 1.5 * (1.0 - kept**2) * lost / seconds * off
+            self._drift -= lost**3 / seconds**2 * off
+        return off if stamp >= self._settled else math.nan

@@ -90,6 +90,16 @@ def test_a_stop_that_is_shown_before_it_is_felt_is_not_believed(shows: str) -> N
     assert stop.size >= 5
 
 
+@pytest.mark.parametrize("bias", [-0.01, 0.01])
+def test_a_gyro_that_is_off_hides_no_false_stop(bias: float) -> None:
+    """Half a degree a second, as gyros have that were not zeroed: the slope by it grows without end."""
+    rows = rows_of("pitch rate", early=1.0)
+    rows[IMU][1][:, 7] += bias
+    found = doubted(rows)
+    assert STOPS - 1.0 < found.min() < STOPS  # before the true one begins
+    assert found.max() < STOPS + 0.8
+
+
 @pytest.mark.parametrize("shows", ["up", "pitch rate"])
 @pytest.mark.parametrize("digs", [False, True])
 def test_a_stop_that_is_felt_is_believed(shows: str, digs: bool) -> None:
