@@ -20,6 +20,7 @@ from smallwheel_ros.diagnosis.faults import fault_told
 from smallwheel_ros.diagnosis.held_out import Step, held_out
 from smallwheel_ros.diagnosis.misfit import misfit_of
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
+from smallwheel_ros.diagnosis.own_zeros import evened
 from smallwheel_ros.diagnosis.posterior import Posterior, Word, posterior_of
 from smallwheel_ros.diagnosis.search import Search, search
 from smallwheel_ros.diagnosis.text import verdict_sentences
@@ -75,6 +76,8 @@ def start_of(
 ) -> Start:
     """Prepare a diagnosis from what users give; see `api.diagnose`.
 
+    Of a vehicle's table each sinkage sensor's zero is taken out (`own_zeros`).
+
     Parameters
     ----------
     measurements
@@ -95,6 +98,7 @@ def start_of(
     if not isinstance(base, Base):
         base = base_of(model_of(base, known), measurements)
     out = ids_of(without, known)
+    measurements = evened(measurements)
     return Start(measurements, base, known, out, limits_of(can, measurements), seed)
 
 

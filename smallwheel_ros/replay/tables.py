@@ -28,6 +28,7 @@ from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID
+from smallwheel_ros.fitting.noise import NORMAL
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 from smallwheel_ros.pipeline.mobility.status import Status
@@ -483,7 +484,7 @@ def _medians(table: pd.DataFrame, order: list[str]) -> pd.DataFrame:
         # What they scatter, and what their sensor declares for each: the larger one counts.
         at = pd.MultiIndex.from_frame(table[keys])
         off = (table[name] - middle[name].reindex(at).to_numpy()).abs()
-        scatter = 1.4826 * off.groupby([table[key] for key in keys], observed=True).median()
+        scatter = NORMAL * off.groupby([table[key] for key in keys], observed=True).median()
         rows[f"{name}_std"] = np.maximum(scatter, middle[f"{name}_std"]) / np.sqrt(count)
     same = (high["passes"] == low["passes"]) & (low["passes"] > 0)
     rows["passes"] = high["passes"].where(same)
