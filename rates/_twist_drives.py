@@ -127,6 +127,7 @@ def simulated(seed: int, slip: float = 0.2, seconds: float = 240.0, speed: float
             np.full(of_imu.size, GRAVITY),
             told,
             level,
+            np.zeros(of_imu.size),
         ]
     )
     stamps = start + np.round(t * SECOND).astype(np.int64)

@@ -337,7 +337,8 @@ def _measured(world: ForeignWorld, truth: ForeignTruth, rng: np.random.Generator
     up = np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
     felt = GRAVITY * up + rng.normal(0.0, 0.15, up.shape)
     felt[0] += at(truth.gain, times)
-    stream("imu", times, at(truth.yaw_rate, times) + rng.normal(0.0, 0.004, times.size), *felt, *up)
+    turns = at(truth.yaw_rate, times) + rng.normal(0.0, 0.004, times.size)
+    stream("imu", times, turns, *felt, *up, 0.0 * times)
     return rows
 
 

@@ -122,7 +122,9 @@ def drive(
     up = np.full(t.size, sign if oriented else np.nan)
     flat = np.zeros(t.size) if oriented else up
     left = speed(t) * turn(t)
-    add("imu", t, sign * turn(t), felt, sign * left, np.full(t.size, sign * G), flat, flat, up)
+    unknown = np.full(t.size, np.nan)  # the pitch rate
+    above = np.full(t.size, sign * G)
+    add("imu", t, sign * turn(t), felt, sign * left, above, flat, flat, up, unknown)
     return sorted(rows, key=lambda row: row[1])
 
 

@@ -198,9 +198,10 @@ def steered_drive(
     rows["odom"] = stamps, np.column_stack(columns)
     gravity = np.full(stamps.size, 9.80665)
     gyro = w[at] + 1e-4 * rng.standard_normal(stamps.size)
+    felt = np.gradient(vx[at], 1.0 / RATE)
     rows["imu"] = (
         stamps,
-        np.column_stack([gyro, nothing, nothing, gravity, nothing, nothing, nothing + 1.0]),
+        np.column_stack([gyro, felt, nothing, gravity, nothing, nothing, nothing + 1.0, nothing]),
     )
     values: dict[str, object] = {
         "wheels": names, "vehicle.mass": 12.0, "load.source": "static", "imu_topic": "imu",

@@ -181,7 +181,7 @@ def _odometry(drive: Drive) -> Fields:
 
 def _imu(drive: Drive) -> Fields:
     stamps, rows = drive.rows["imu"]
-    ahead, left, up = rows[:, 4:].T
+    ahead, left, up = rows[:, 4:7].T
     yaw = _integral(rows[:, 0], stamps)
     orientations = _orientations(np.arctan2(left, up), -np.arcsin(ahead), yaw)
     for (rate, *felt), orientation in zip(rows[:, :4], orientations, strict=True):

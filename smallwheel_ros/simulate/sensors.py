@@ -264,7 +264,8 @@ class MeasuredRows:
         up = [np.sin(shown), np.cos(shown) * np.sin(side), np.cos(shown) * np.cos(side)]
         if drives:
             up = [np.full(time.size, np.nan)] * 3
-        return _stamped(time, np.column_stack([turn, felt, *up]))
+        pitch_rate = np.zeros(time.size)  # it gives none
+        return _stamped(time, np.column_stack([turn, felt, *up, pitch_rate]))
 
 
 def _stamped(time: Array, values: Array) -> tuple[Integers, Array]:

@@ -60,7 +60,7 @@ def give(pipeline: Pipeline, i: int, load: bool = True) -> None:
     streams, stamp = pipeline.streams, 20_000_000 * i
     newtons = 60.0 + 10.0 * math.sin(0.1 * i)
     streams.add("odom", stamp, (0.3, 0.0, 0.006 * i, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    streams.add("imu", stamp, (0.0, 0.0, 0.0, 9.8, 0.0, 0.0, 1.0))
+    streams.add("imu", stamp, (0.0, 0.0, 0.0, 9.8, 0.0, 0.0, 1.0, 0.0))
     streams.add("front/wheel_speed", stamp, (0.33 / 0.125,))
     streams.add("front/sinkage", stamp, (2e-4 * newtons, 2.5e-7))
     if load:

@@ -136,8 +136,8 @@ def second(position: float) -> str:
 
 def stamp(kind: str) -> str:
     """What is said of one message, of a topic that comes at 10 Hz beside another."""
-    streams = Streams({"odom": 10, "imu": 7}, StampRules())
-    odom, imu = (0.3, *[0.0] * 9), (0.0, 0.0, 0.0, 9.81, *[math.nan] * 3)
+    streams = Streams({"odom": 10, "imu": 8}, StampRules())
+    odom, imu = (0.3, *[0.0] * 9), (0.0, 0.0, 0.0, 9.81, *[math.nan] * 4)
     start = 1000 * SECOND
     for i in range(60):
         streams.add("odom", start + i * SECOND // 10, odom, start + i * SECOND // 10)

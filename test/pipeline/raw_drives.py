@@ -105,7 +105,9 @@ def drive(
     noise = rng.standard_normal((4, times.size))
     felt = of(times, gained) + 0.1 * noise[1], 0.1 * noise[2], GRAVITY + 0.1 * noise[3]
     up = np.zeros(times.size), np.zeros(times.size), np.ones(times.size)
-    rows[IMU] = stamps, np.stack([of(times, turn) + 0.005 * noise[0], *felt, *up], axis=1)
+    pitch_rate = np.zeros(times.size)
+    turns = of(times, turn) + 0.005 * noise[0]
+    rows[IMU] = stamps, np.stack([turns, *felt, *up, pitch_rate], axis=1)
     return rows
 
 

@@ -46,7 +46,7 @@ def in_arcs(sign: float) -> list[Row]:
             rows.append((f"{name}/wheel_speed", stamp, (float(sides[i % 2]),), stamp))
         felt = 0.05 * rng.normal(size=3) + (0.0, v * w, 9.81)
         gyro = sign * w + 0.003 * rng.normal()
-        rows.append((IMU, stamp, (gyro, *felt.tolist(), np.nan, np.nan, np.nan), stamp))
+        rows.append((IMU, stamp, (gyro, *felt.tolist(), *[np.nan] * 4), stamp))
         if k % 2 == 0:
             twist = v + 0.01 * rng.normal(), w + 0.005 * rng.normal()
             pose = x, y, float(np.cos(yaw)), float(np.sin(yaw))
@@ -86,7 +86,7 @@ def test_a_side_that_starts_before_the_other_has_a_twist() -> None:
         left, right = 2.0 * (t >= 3.0), 2.0 * (t >= 4.0)
         for i, name in enumerate(NAMES):
             rows.append((f"{name}/wheel_speed", stamp, (right if i % 2 else left,), stamp))
-        rows.append((IMU, stamp, (0.0, 0.0, 0.0, 9.81, np.nan, np.nan, np.nan), stamp))
+        rows.append((IMU, stamp, (0.0, 0.0, 0.0, 9.81, *[np.nan] * 4), stamp))
     give(pipeline.streams, [row for row in rows if row[0] in pipeline.streams.all])
     with np.errstate(divide="raise"):
         turns = list(pipeline.turns(last=True))

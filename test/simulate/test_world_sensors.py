@@ -169,7 +169,7 @@ def test_odometries_see_the_ground_the_wheels_or_half_of_both() -> None:
 
 
 def test_a_driven_imu_tells_no_orientation_and_a_current_no_sign() -> None:
-    assert np.isnan(at(shown(imu="driven"), "imu")[1][:, 4:]).all()
+    assert np.isnan(at(shown(imu="driven"), "imu")[1][:, 4:7]).all()
     backward = Truth(**{f.name: getattr(TRUTH, f.name) for f in fields(Truth)} | {
         "torque": -TRUTH.torque, "rim": np.where(TIME[:, None] < 15.0, TRUTH.rim, 0.0)})  # fmt: skip
     sensors = Sensors(noise_factor=0.0, torque=True, current=True, friction=0.0)

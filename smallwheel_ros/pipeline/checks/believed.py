@@ -26,9 +26,10 @@ from .lateness import LATE
 from .rigid_motion import places_of, rigid_motion
 
 Rows = tuple[Integers, Array]  # stamps (ns), values (rows, width)
-NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 11)))
+NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 12)))
 MOVES, FELT = "moves", "felt"  # speed over ground and imu as they are read, beside the raw streams
-AGAINST, SLIDES = 9, 10  # of a row of what has been learnt of the speed
+AGAINST, SLIDES, UNFELT = 9, 10, 11  # of a row of what has been learnt of the speed
+INERTIAL = 8  # of a row of `FELT`
 _TURNING = SECOND // 10  # ns over which the rate of a steering angle is taken: some messages of it
 
 
@@ -108,9 +109,9 @@ class BelievedRows:
         Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: unknown) over ground as measured,
         (rows, 3).
     felt
-        Rows of the imu, z up, (rows, 7).
+        Rows of the imu, z up, and the speed by the imu alone, (rows, 9).
     trusted
-        What had been learnt about the speed by each of its messages, (rows, 11).
+        What had been learnt about the speed by each of its messages, (rows, 12).
     doubted
         Which streams are doubted, each from a stamp on.
     since, done
@@ -143,17 +144,21 @@ class BelievedRows:
         return frozenset[str]().union(*self.doubted.streams)
 
     def _of(self, name: str, stamps: Integers, values: Array) -> Array:
-        """Rows of a stream, NaN where it is doubted, and of a speed that goes against all rims so far."""
+        """Rows of a stream, NaN where it is doubted.
+
+        A speed is, too, while it goes against all rims so far, or the imu does not feel how it changes.
+        """
         found = self.doubted.believed(name, stamps, values) if name in self._ever else values
-        if not self._goes_against or name not in (self.source, SHOWS_NO_SLIP):
+        if not self._speed_doubted or name not in (self.source, SHOWS_NO_SLIP):
             return found
-        against = self.trusted.last(stamps)[1][:, AGAINST] > 0.0
-        return np.where(against[:, None], np.nan, found)
+        flags = self.trusted.last(stamps)[1][:, [AGAINST, UNFELT]] > 0.0
+        doubted = np.asarray(flags.any(axis=1))
+        return np.where(doubted[:, None], np.nan, found)
 
     @cached_property
-    def _goes_against(self) -> bool:
-        """Whether the speed goes against all rims so far at any time."""
-        return bool(self.trusted.values.size and self.trusted.values[:, AGAINST].any())
+    def _speed_doubted(self) -> bool:
+        """Whether any message of the speed is doubted by itself."""
+        return bool(self.trusted.values[:, [AGAINST, UNFELT]].any())
 
     # --- At instants
 

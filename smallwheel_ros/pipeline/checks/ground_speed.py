@@ -15,6 +15,8 @@
     against   nearly all of the way so far runs against the rims: either the odometry or the joints look
               backward, and which is unknown. Not where the vehicle may slide down a slope: then the
               speed is believed
+    unfelt    a change of the speed that the imu does not feel (`unfelt.py`): the speed is unknown until it
+              does, or for some seconds
     imu       turned over where its z axis points down
 
 Each value depends only on messages up to its own stamp, and the sums go on over cuts.
@@ -42,10 +44,21 @@ from smallwheel_ros.pipeline.intake.buffer import Samples, Stream
 from smallwheel_ros.pipeline.intake.layout import rules_of
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers, steps_of, unknown
 
-from .believed import AGAINST, FELT, MOVES, NO_ROWS, SLIDES, BelievedRows, RawRows, mean_of_known
+from .believed import (
+    AGAINST,
+    FELT,
+    INERTIAL,
+    MOVES,
+    NO_ROWS,
+    SLIDES,
+    BelievedRows,
+    RawRows,
+    mean_of_known,
+)
 from .doubts import Doubts
 from .lateness import LAGS, LATE, Against, Lag, OfWheels
 from .sums import RunningDeviation
+from .unfelt import InertialSpeed, Unfelt
 
 SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL, ASIDE = range(11)
 WINDOW = (
@@ -125,7 +138,7 @@ class GroundSpeed:
     """Ground speed and imu samples, with what has been learnt of their accuracy, lag and independence.
 
     moves: speed (m/s), yaw rate (rad/s) and, for a vehicle that steers, sideways speed (m/s). felt: the
-    imu's rows, z up. posed: whether the speed is taken from the pose.
+    imu's rows, z up, and the speed by the imu alone. posed: whether the speed is taken from the pose.
     """
 
     def __init__(self, settings: OnboardSettings, doubts: Doubts | None = None) -> None:
@@ -133,11 +146,11 @@ class GroundSpeed:
         self.doubts = Doubts() if doubts is None else doubts
         self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
         self._raw: Mapping[str, Samples] = {}
-        self.moves, self.felt = Stream("moves", 3), Stream("felt", 7)
+        self.moves, self.felt = Stream("moves", 3), Stream("felt", 9)
         self._own = Stream(
             "own", 6
         )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist, off
-        self._trust = Stream("trust", 11)
+        self._trust = Stream("trust", 12)
         self.posed = True
         self._told_aside = False  # whether a twist has ever had a speed aside
         self._way = 0.0
@@ -146,6 +159,7 @@ class GroundSpeed:
         self._sums = _Sums()
         self._turns_late, self._speed_late, self._of_wheels = Lag(), Lag(), OfWheels()
         self._of_unsteered, self._goes_against = OfWheels(), Against()
+        self._inertial, self._unfelt = InertialSpeed(settings.gravity), Unfelt(settings.gravity)
 
     def take(self, raw: Mapping[str, Samples]) -> None:
         """Add the rows that arrived, by stream."""
@@ -217,10 +231,13 @@ class GroundSpeed:
         over = looks_down > up
         before = np.concatenate([[len(self._turned) % 2 == 0], over[:-1]])
         self._turned += stamps[over != before].tolist()
-        sign = np.array([-1.0, 1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # about x: y, z and yaw change
+        # About x: y, z, yaw and pitch change.
+        sign = np.array([-1.0, 1.0, -1.0, -1.0, 1.0, -1.0, -1.0, -1.0])
         turned = np.repeat(over[:, None], sign.size, axis=1)
-        turned[:, 4:] &= told[:, None] < 0.0  # an orientation may be that of the vehicle already
-        self.felt.extend(stamps, np.where(turned, sign * values, values))
+        turned[:, 4:7] &= told[:, None] < 0.0  # an orientation may be that of the vehicle already
+        values = np.where(turned, sign * values, values)
+        inertial = self._inertial.take(stamps, values)
+        self.felt.extend(stamps, np.column_stack([values, inertial]))
 
     def _speeds(self) -> None:
         """Give the rows of speed and yaw rate."""
@@ -297,7 +314,7 @@ class GroundSpeed:
         """Sine of the slope, nose up, by the last second of the imu, and what is felt beside it, m/s^2.
 
         Without an orientation all that is felt is the slope, and all of it is felt beside it. NaN: not known.
-        felt: (rows, lags, 7).
+        felt: (rows, lags, 9).
         """
         ahead, up = mean_of_known(np.moveaxis(felt[:, :, [1, 4]], 1, 0)).T
         gravity = self.settings.gravity
@@ -346,8 +363,11 @@ class GroundSpeed:
         # By how much the speed comes later than gyro and rims, the larger one, or may come.
         turns_late = self._turns_late.take(turn, gyro[:, : LAGS.size])
         lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
-        lag = np.where(np.isnan(lag), LATE, lag)
         imu = shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size]
+        late = np.rint(np.nan_to_num(lag) * SECOND / LAGS[1]).astype(int)
+        inertial = imu[np.arange(middle.size), late, INERTIAL]
+        unfelt = self._unfelt.take(middle, speed, moved[:, -2], inertial)
+        lag = np.where(np.isnan(lag), LATE, lag)
         against, slides = self._goes_against.take(
             mean[:, 0], half_turn[:, 0], speed, passed, *self._felt_ahead(imu)
         )
@@ -364,7 +384,19 @@ class GroundSpeed:
             made, may_be = made | other[0], may_be | other[1]
         since = (stamps - changed) / SECOND
         same = since, way - changed_way
-        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share, against, slides]
+        rows = [
+            variance,
+            lag,
+            made,
+            may_be,
+            *same,
+            back / SECOND,
+            no_twist,
+            share,
+            against,
+            slides,
+            unfelt,
+        ]
         self._trust.extend(stamps, np.column_stack(rows))
 
     def _spread(self, earlier: Array, back: Array, speed: Array, off: Array, rims: Array) -> Array:

@@ -232,10 +232,10 @@ def _velocity_aside(of: Fields, _: list[str]) -> Rows:
 
 
 def _imu(yaw: float) -> Callable[[Fields, list[str]], Rows]:
-    """Yaw rate (rad/s); specific force along x, y, z (m/s^2); where up is, a vector of length 1.
+    """Yaw rate (rad/s); specific force along x, y, z (m/s^2); where up is, a vector of length 1; pitch rate.
 
-    All in the vehicle's frame as the message has it, an imu whose z is down included; up is NaN without an
-    orientation.
+    The pitch rate (rad/s) is positive nose down. All in the vehicle's frame as the message has it, an imu
+    whose z is down included; up is NaN without an orientation.
     """
     cosine, sine = math.cos(yaw), math.sin(yaw)
 
@@ -249,6 +249,8 @@ def _imu(yaw: float) -> Callable[[Fields, list[str]], Rows]:
         there &= of["orientation_covariance"][:, :1] != -1.0  # "there is none" (sensor_msgs/Imu)
         up = *turned(2.0 * (x * z - w * y), 2.0 * (y * z + w * x)), 1.0 - 2.0 * (x * x + y * y)
         known = [np.where(there, axis, np.nan) for axis in up]
-        return {IMU: np.hstack([of["angular_velocity.z"], *turned(ahead, left), above, *known])}
+        pitch_rate = turned(of["angular_velocity.x"], of["angular_velocity.y"])[1]
+        felt = [*turned(ahead, left), above]
+        return {IMU: np.hstack([of["angular_velocity.z"], *felt, *known, pitch_rate])}
 
     return read

@@ -9,7 +9,7 @@ from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSett
 from .buffer import StampRules
 
 WIDTHS = {"load": 1, "sinkage": 2, "drawbar_pull": 1, "wheel_speed": 1, "torque": 1, "steering": 1}
-WIDTHS |= {ODOMETRY: 10, VELOCITY: 3, IMU: 7}
+WIDTHS |= {ODOMETRY: 10, VELOCITY: 3, IMU: 8}
 # s. What is measured at 5 Hz and more is interpolated; slower, wheel and ground change in between.
 MAXIMUM_GAP = 0.2
 _SILENT_AFTER = 1.0  # s: what has not come for so long is not waited for

@@ -58,7 +58,8 @@ def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
         if any(not abs(value) < _LARGEST for value in known) or not (
             felt or not math.isnan(values[4])
         ):
-            one = next((v for v in values[1:4] if not abs(v) <= _STRONGEST), values[0])
+            turns = max(values[0], values[7], key=abs)
+            one = next((v for v in values[1:4] if not abs(v) <= _STRONGEST), turns)
             text = f"it feels {one:g}, expected at most {_STRONGEST:g} m/s^2, or an orientation"
             return ("not_plausible" if math.isfinite(one) else "not_finite"), text
         return None

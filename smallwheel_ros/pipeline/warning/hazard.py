@@ -64,15 +64,10 @@ ROLLED, START_S = 0.30, 3.0
 BACK_S = 1.0
 BRAKES = 0.30  # of g: wheels that pull cannot brake so
 GAINS = 0.10  # m/s^2: what gains speed so fast is not getting stuck
-LOSS_S, UNFELT, SEEN = (
-    2.5,
-    1.0,
-    0.4,
-)  # s, m/s, share: a loss of speed that an accelerometer has to feel
 REPEAT, APART = 5.0, 2.0  # s, between two messages that it goes on; a gap that ends it
 # Of each level, at least. In snow 17 of 25 warnings were of a vehicle that got stuck, 17 of 19 of the second.
 RISKS = (0.0, 0.5, 0.9)
-_KEEP = 10 * SECOND  # ns of instants, for the slow mean of an accelerometer without orientation
+_KEEP = 10 * SECOND  # ns of instants: a trend of a speed that comes once a second
 
 
 @dataclass(frozen=True)
@@ -162,7 +157,7 @@ class Warnings:
         self.rolling = np.flatnonzero([wheel.contact == ROLLING for wheel in wheels])
         self.side = np.array([wheel.lateral_position for wheel in wheels])[self.rolling]
         self._open: Readings | None = None
-        self._imu: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((0, 7))
+        self._imu: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((0, 9))
         self._speeds: Integers = np.empty(0, dtype=np.int64)
         # Of each wheel: time, rim, ground and its deviation, how far off the course.
         self._newest = np.full((self.rolling.size, 5), np.nan)
@@ -351,7 +346,7 @@ class Warnings:
         started = slip < ROLLED or done.time[i] - self._began >= START_S - 1e-6 or slides
         self._rolled = bool(runs and (self._rolled or started))
         judged = self._rolled and -BRAKES * self._gravity < gain < GAINS
-        if not (judged and surely_slips) or _unfelt(time, done, along, self._gravity):
+        if not (judged and surely_slips):
             return _Hazard()
         grows = growth > GROWS or gain < -LOSES * max(rolls, DRIVES)
         now = slip + max(growth, 0.0) * 0.5 * slip_s  # the mean is that of half of its span ago
@@ -394,25 +389,6 @@ def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
     t, v = time - np.mean(time), values - np.mean(values)
     slope = float(t @ v / (t @ t))
     return slope, float(np.sqrt(np.sum((v - slope * t) ** 2) / (len(t) - 2)))
-
-
-def _unfelt(time: Array, done: Instants, along: float, gravity: float) -> bool:
-    """Whether odometry lost over `UNFELT` within `LOSS_S`, and the accelerometer felt under `SEEN` of it."""
-    last = len(time)
-    begin, first = np.searchsorted(time, [-_KEEP / SECOND, -LOSS_S]).tolist()
-    felt, rise = done.felt[first:last], done.rise[first:last]
-    if not np.isfinite(felt).all():
-        return False
-    # Without an orientation the slope is what is felt on the whole.
-    level = gravity * rise if np.isfinite(rise).all() else np.nanmean(done.felt[begin:last])
-    felt = (felt - level) * along
-    speed = done.speed[first:last] * along
-    if not np.isfinite(speed).all():
-        return False
-    k = int(np.argmax(speed))
-    lost = float(speed[k] - speed[-1])
-    gained = float(np.sum(felt[k + 1 :] * np.minimum(np.diff(time[first:]), 0.2)[k:]))
-    return lost > UNFELT and gained > -SEEN * lost
 
 
 def level_at(instants: Integers, levels: Integers, stamps: Integers) -> Integers:

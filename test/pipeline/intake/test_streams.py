@@ -16,7 +16,7 @@ from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.pipeline import Pipeline
 
 ODOM = (0.3, 0.0, 1.0, 2.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-IMU = (0.0, 0.1, 0.0, 9.8, math.nan, math.nan, math.nan)
+IMU = (0.0, 0.1, 0.0, 9.8, *[math.nan] * 4)
 
 
 def _heard() -> Streams:
@@ -36,7 +36,7 @@ def _heard() -> Streams:
         ("odom", 0.1, (0.3, 0.0, 1e300, *ODOM[3:]), 0.1, "not_plausible", "x is"),
         ("odom", 0.1, (11.0, *ODOM[1:]), 0.1, "not_plausible", "expected at most 10"),
         ("imu", 0.1, (0.0, 1e300, *IMU[2:]), 0.1, "not_plausible", "feels"),
-        ("imu", 0.1, (0.0, *[math.nan] * 6), 0.1, "not_finite", "feels nan"),
+        ("imu", 0.1, (0.0, *[math.nan] * 7), 0.1, "not_finite", "feels nan"),
         ("imu", 0.1, (math.inf, *IMU[1:]), 0.1, "not_finite", "feels inf"),
         ("fl/load", 0.1, (math.inf,), 0.1, "not_finite", "load is inf"),
         ("fl/sinkage", 0.1, (math.nan, 0.0), 0.1, "not_finite", "sinkage is nan"),

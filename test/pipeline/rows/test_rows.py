@@ -57,7 +57,7 @@ def test_pitch_is_the_slope_s_whatever_measures_it(shown_by: str) -> None:
         if name == "imu" and shown_by != "odometry":
             new[[1, 3]] += G * np.sin(climb), G * (np.cos(climb) - 1.0)
             if shown_by == "orientation":
-                new[4:] = np.sin(climb), 0.0, np.cos(climb)
+                new[4:7] = np.sin(climb), 0.0, np.cos(climb)
         if name == "odom" and shown_by == "odometry":
             new[8] = -climb
         made.append((name, stamp, tuple(new.tolist()), clock))

@@ -186,7 +186,7 @@ def test_without_an_imu_rims_are_told_more_widely() -> None:
 def test_standing_is_told_to_a_few_centimetres_a_second() -> None:
     stamps = 1_000 * SECOND + np.arange(0, 30 * SECOND, SECOND // 20)
     rng = np.random.default_rng(0)
-    imu = np.full((stamps.size, 7), np.nan)
+    imu = np.full((stamps.size, 8), np.nan)
     imu[:, :4] = rng.normal([0.0, 0.2, 0.0, 9.8], [0.005, 0.05, 0.05, 0.05], (stamps.size, 4))
     rows: Rows = {
         IMU: (stamps, imu),
@@ -205,7 +205,7 @@ def test_a_fault_widens_and_never_narrows(fault: str) -> None:
         rows = dict(drive.rows)
         stamps, imu = rows[IMU]
         if fault == "gyro of the wrong sign":
-            rows[IMU] = stamps, imu * np.array([-1.0, *[1.0] * 6])
+            rows[IMU] = stamps, imu * np.array([-1.0, *[1.0] * 7])
         elif fault == "imu late":
             rows[IMU] = stamps + SECOND // 2, imu
         else:

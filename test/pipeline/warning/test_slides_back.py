@@ -54,7 +54,7 @@ def backward(
     way = 1.0 if (rise != 0.0 if slides is None else slides) else -1.0
     felt = G * rise + way * np.gradient(-share * rim(t), t) + 0.1 * random.standard_normal(t.size)
     up = (rise, 0.0, level) if oriented else (np.nan, np.nan, np.nan)
-    add("imu", t, zero, felt, zero, G * level + zero, *(one + zero for one in up))
+    add("imu", t, zero, felt, zero, G * level + zero, *(one + zero for one in (*up, 0.0)))
     return sorted(rows, key=lambda row: row[1])
 
 
