@@ -35,7 +35,7 @@ class DerivedNumber:
 def derived_numbers(
     soil: Soil, names: Sequence[str], covariance: Array
 ) -> tuple[DerivedNumber, ...]:
-    """k and the shear deformation modulus with their deviations, to first order.
+    """Compute k and the shear deformation modulus, each with its standard deviation to first order.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def derived_numbers(
     names
         Names of the covariance's parameters, as `SOIL.n`; those of other soils may be among them.
     covariance
-        Covariance of these parameters, shape (names, names), in the square of their units.
+        Covariance of these parameters, shape (names, names), in the product of their units.
     """
     # ln k = ln p_ref - n ln z_ref - m ln D_ref
     of_k = {

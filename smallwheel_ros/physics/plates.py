@@ -70,7 +70,7 @@ class Constant(NamedTuple):
 
 
 class PlateLaw(NamedTuple):
-    """One law of size.
+    """A law of how a plate's or wheel's size changes the pressure.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class PlateLaw(NamedTuple):
     factor
         Function g of (rho, n, s).
     tied_to_n
-        Ratio s / n at which size has no influence.
+        Ratio s / n at which size has no influence, near the reference size.
     """
 
     id: Literal["meirion_griffith_spenko", "bekker", "reece", "bernstein_goriatchkin"]
