@@ -29,10 +29,14 @@ class Refusal(NamedTuple):
 
 
 class ProblemLog:
-    """Counts of problems by stream and reason since the start, and an explanation of each new one.
+    """Counts problems by stream and reason since the start, and keeps an explanation of each new one.
 
-    counts: how often each has occurred. words: an example of each. used: reasons for which the message is
-    used all the same.
+    Attributes
+    ----------
+    counts
+        How often each has occurred, by stream and reason.
+    words
+        An example of each, in words.
     """
 
     def __init__(self, counts: Counter[tuple[str, str]], words: dict[tuple[str, str], str]) -> None:
