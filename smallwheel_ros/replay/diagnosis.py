@@ -52,7 +52,7 @@ class DriveDiagnosis:
     lines
         The diagnosis in sentences.
     by_filter
-        What the soil's filter found of effects, from every reading of the drive, in words.
+        Sentences on effects that the soil's filter has found, from every reading of the drive.
     """
 
     stretches: int
@@ -84,8 +84,8 @@ def diagnosed(table: pd.DataFrame, path: Path, remarks: Sequence[str] = ()) -> D
     path
         File of the table, for the commands that are proposed next.
     remarks
-        What the soil's filter has found at the end, as in `SoilEstimate.remarks`: it has every reading, and
-        stretches that are few or hardly differ in slip may not show the same.
+        Remarks of the soil's filter at the end, as in `SoilEstimate.remarks`. It uses every reading, and may
+        show what a few stretches of much the same slip cannot.
     """
     by_filter = tuple(remarks)
     if len(table) < _FEWEST:
@@ -122,10 +122,10 @@ def diagnosed(table: pd.DataFrame, path: Path, remarks: Sequence[str] = ()) -> D
 
 
 def evened(table: pd.DataFrame) -> pd.DataFrame:
-    """Take out of the sinkages by what those of wheels of one size differ, at one load and slip.
+    """Remove constant differences between wheels of one size from the sinkages, at equal load and slip.
 
-    A rig has one gauge, a vehicle one for each wheel, with a zero of its own, and ground on its left that is
-    not that on its right. Of a millimetre or so they would hide an effect, or look like one.
+    A rig has one gauge, but each wheel of a vehicle has its own, with a zero of its own, and the ground on
+    the left differs from that on the right. A millimetre of this would hide an effect, or look like one.
 
     Parameters
     ----------

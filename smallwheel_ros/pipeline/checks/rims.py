@@ -29,7 +29,7 @@ _UNIT_NEAR = 0.85, 1.5  # of a unit's factor: a slip of -0.2 to 0.3
 
 
 class Mirrored:
-    """Measures the share of the straight path over which each joint turned against the direction of travel."""
+    """Measures the share of the straight path over which each joint turned against the vehicle's travel."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names = vehicle.names

@@ -80,7 +80,7 @@ _NEWTON_STEPS, _NEWTON_MOST, _LEAST_SLOPE = 2, 0.1, 0.1  # slip a step; of the l
 
 
 class StrengthFilter:
-    """The filter described at the head of this module; `kalman` is filterpy's, with x and its covariance P."""
+    """The filter that the module describes; `kalman` is that of filterpy, with state x and covariance P."""
 
     def __init__(self, strength: Strength, wheels: tuple[Wheel, ...], mass: float) -> None:
         self.mass = mass
