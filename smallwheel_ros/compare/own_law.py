@@ -79,7 +79,7 @@ class OwnLaw:
         return np.random.default_rng(0).random((max(1, _STARTS * count), count))
 
     def predict(self, shares: Array, conditions: Conditions) -> dict[str, Array]:
-        """Its channels in SI units, shape (rows,) each, NaN where it has no prediction.
+        """Predict its channels in SI units, shape (rows,) each; NaN where it has no prediction.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class OwnLaw:
         Raises
         ------
         LawError
-            Where the law raises anything, or gives other shapes.
+            If the law raises any exception, or returns other shapes.
         """
         values = {}
         for p, share in zip(self.parameters, shares.tolist(), strict=True):
@@ -114,7 +114,7 @@ class OwnLaw:
 
 
 def load_laws(path: Path, taken: Sequence[str] = ()) -> tuple[OwnLaw, ...]:
-    """The laws of a Python file, which is run: name only files that you trust.
+    """Run a Python file, and return the laws in it: name only files that you trust.
 
     Parameters
     ----------

@@ -111,17 +111,28 @@ class Scatter:
 class VarianceModel:
     """The variance components of one set of points.
 
-    Attributes
+    Parameters
     ----------
+    points
+        The points.
     level
         Size of each value, L, shape (values,).
     pure
         Variance of each value due to the repeatability of its rows, shape (values,).
+    stated
+        Standard deviation of each value as the table declares it, shape (values,); 0 where it does not.
     working
         See `Fitter`.
     law_known
         Whether the errors of the law of pull and torque are the given ones; else two factors on them are
         fitted ("law:" within a wheel, "wheel:" between wheels).
+
+    Attributes
+    ----------
+    level
+        Size of each value, L, shape (values,).
+    working
+        See `Fitter`.
     start
         The components at their priors' medians.
     """

@@ -74,7 +74,7 @@ def rover_of_bag(
     joint_states: str | None = None,
     namespace: str | None = None,
 ) -> Rover:
-    """The rover of a recorded drive.
+    """Find the parameters of a rover in a recorded drive.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def rover_of_bag(
     urdf
         A robot description, in place of the bag's.
     joint_states
-        The topic with the wheels' joints; None to look for it.
+        The topic with the wheels' joints; None: it is looked for.
     namespace
         Namespace of the robot to use, if there are several.
 

@@ -74,7 +74,7 @@ class SteeringAngle:
     def usable(self, stamps: Integers, angles: Array) -> NDArray[np.bool_]:
         """Which messages have a usable angle, shape (messages,).
 
-        A NaN counts as usable here. Angles that repeatedly exceed a whole turn must be in degrees; smaller
+        NaN counts as usable. Angles that repeatedly exceed a whole turn must be in degrees; smaller
         ones then are too, and no message is used any more.
 
         Parameters

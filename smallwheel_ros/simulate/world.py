@@ -11,7 +11,7 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class RoverWheel:
-    """One wheel: size and place in base_link (x forward, y left), metres; steered: about its own middle."""
+    """One wheel: size and place in base_link (x forward, y left), m; `steered` turns about its own middle."""
 
     name: str
     diameter: float
@@ -96,10 +96,20 @@ ROVERS = {
 
 @dataclass(frozen=True)
 class Leg:
-    """Turn on the spot (rad), drive a distance (m, backward if negative) along a bend (1/m), stand (s).
+    """One leg of a route: turn on the spot, drive along a bend, stand.
 
-    crab: angle (rad) of the course to the left of the heading, for a vehicle all of whose wheels are
-    steered.
+    Attributes
+    ----------
+    metres
+        Distance to drive, m; backward if negative.
+    bend
+        Curvature of the path, 1/m.
+    turn
+        Angle to turn on the spot before that, rad.
+    stand
+        Time to stand, s.
+    crab
+        Angle of the course to the left of the heading, rad, for a vehicle all of whose wheels are steered.
     """
 
     metres: float = 0.0
