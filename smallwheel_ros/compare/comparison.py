@@ -148,7 +148,7 @@ class Comparison(Result, shown="views.comparison"):
         return self.models[0].in_sample.run
 
     def residual(self, result: ModelResult, channel: str, held_out: bool = False) -> Array:
-        """Compute measured minus predicted, in the channel's SI unit, shape (rows,); NaN where one is missing.
+        """Compute measured minus predicted, in the channel's SI unit, shape (rows,); NaN if one is missing.
 
         Parameters
         ----------

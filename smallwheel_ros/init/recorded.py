@@ -84,7 +84,7 @@ class Speed(NamedTuple):
 
 
 def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
-    """Read the speeds (rad/s) of all joints of a JointState topic; by positions if there is no usable velocity.
+    """Read the speeds (rad/s) of all joints of a JointState topic, by positions if velocities are unusable.
 
     Parameters
     ----------
