@@ -280,10 +280,18 @@ class BagReader:
         return CopiedTopic(topic, name, store, tuple(qos), convert)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Messages in the order of their log times; arrays in them are read-only.
+        """Yield messages in the order of their log times; arrays in them are read-only.
 
-        topics: names of topics to read; None means all whose definition is known. Raises BagError if the
-        definition of a requested topic is unknown, or, after the readable messages, if the bag is damaged.
+        Parameters
+        ----------
+        topics
+            Names of the topics to read; None means all whose definition is known.
+
+        Raises
+        ------
+        BagError
+            If the definition of a requested topic is unknown, or, after the readable messages, if the bag is
+            damaged.
         """
         decoders: dict[Key, Callable[[bytes], Any]] = {}
         for key, connection in self._wanted(topics).items():

@@ -48,7 +48,7 @@ class Law:
 
 
 class OwnLaw:
-    """A law of a file, as a function of shares: the position of each parameter between its bounds, 0 to 1.
+    """A user's law, as a function of where each parameter lies between its bounds: 0 to 1, called a share.
 
     For a parameter whose bounds are positive, the share is that of its logarithm.
     """

@@ -194,7 +194,7 @@ class Screen:
 
 @dataclass(frozen=True)
 class Candidate(Fit):
-    """A fitted model with some competitors. weight: ln of evidence times prior odds."""
+    """A fitted model with some competitors; its weight is ln of evidence times prior odds."""
 
     competitors: tuple[Competitor, ...] = ()
     weight: float = -np.inf

@@ -259,7 +259,10 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
 def runs_differ(scatter: Mapping[str, float]) -> str:
     """Say that runs differ more than those of one soil do, and what to do; empty if they do not.
 
-    scatter: the components that `unusual` returned.
+    Parameters
+    ----------
+    scatter
+        The components that `unusual` returned.
     """
     apart = [f"{percent(size)} in {words(name.removeprefix('own:')) if name != 'tau' else 'firmness'}"
              for name, size in scatter.items() if name == "tau" or name.startswith("own:")]  # fmt: skip

@@ -23,7 +23,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DerivedNumber:
-    """One derived number of a soil. std: None if unknown. follows: parameters that it is computed from."""
+    """One derived number of a soil.
+
+    Attributes
+    ----------
+    name, value, unit
+        Its name, value and unit.
+    std
+        Its standard deviation, in its unit; None if unknown.
+    follows
+        Names of the parameters from which it is computed.
+    """
 
     name: str
     value: float

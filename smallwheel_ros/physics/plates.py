@@ -63,7 +63,7 @@ def smaller_dimension(conditions: Conditions) -> Array:
 
 
 class Constant(NamedTuple):
-    """A constant of a published law. unit: its unit, with n and m as letters."""
+    """A constant of a published law; n and m in its unit stay letters."""
 
     name: str
     unit: str

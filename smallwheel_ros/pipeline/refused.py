@@ -82,7 +82,7 @@ class ProblemLog:
         )
 
     def findings(self, received: Iterable[tuple[str, int]]) -> tuple[str, ...]:
-        """Report streams of which many rows are refused. received: rows offered to each stream."""
+        """Report streams of which many rows are refused, by the number of rows `received` for each."""
         found = []
         for name, rows in received:
             refused = self.refused(name)
