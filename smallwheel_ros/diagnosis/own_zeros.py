@@ -31,7 +31,7 @@ _SAID = 5e-5  # m; less is rounding
 
 
 def evened(data: Measurements) -> Measurements:
-    """Take out of the sinkages by what those of a vehicle's wheels of one size differ, at one load and slip.
+    """Remove constant differences between wheels of one size from the sinkages, at equal load and slip.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ WARNINGS: tuple[Kind, ...] = ("stuck", "digging_in")
 
 
 def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
-    """What is reported now.
+    """List everything that node and replay report at present.
 
     Parameters
     ----------

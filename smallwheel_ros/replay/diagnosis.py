@@ -43,7 +43,7 @@ class DriveDiagnosis:
     lines
         The diagnosis in sentences.
     by_filter
-        What the soil's filter found of effects, from every reading of the drive, in words.
+        Sentences on effects that the soil's filter has found, from every reading of the drive.
     """
 
     stretches: int
@@ -75,8 +75,8 @@ def diagnosed(table: pd.DataFrame, path: Path, remarks: Sequence[str] = ()) -> D
     path
         File of the table, for the commands that are proposed next.
     remarks
-        What the soil's filter has found at the end, as in `SoilEstimate.remarks`: it has every reading, and
-        stretches that are few or hardly differ in slip may not show the same.
+        Remarks of the soil's filter at the end, as in `SoilEstimate.remarks`. It uses every reading, and may
+        show what a few stretches of much the same slip cannot.
     """
     by_filter = tuple(remarks)
     if len(table) < _FEWEST:

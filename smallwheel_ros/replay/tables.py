@@ -78,12 +78,17 @@ def deviations(soil: SoilEstimate) -> dict[str, float]:
 class EstimatesTable(AbstractContextManager["EstimatesTable"]):
     """Writes NAME.csv and, if pyarrow is installed, NAME.parquet, block by block.
 
-    Attributes
+    Parameters
     ----------
     stem
         Path without suffix.
     start
         The bag's first log time, ns.
+    wheels
+        Names of the wheels.
+
+    Attributes
+    ----------
     counts
         By wheel, the number of estimates with each kind of value, and the sum `squares` of measured minus
         predicted sinkage squared, m^2.
@@ -114,7 +119,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         )
 
     def told(self) -> dict[str, dict[str, float | None]]:
-        """Summary of slip and margin over the drive.
+        """Summarise slip and margin over the drive.
 
         Returns
         -------
@@ -339,12 +344,17 @@ def _write_table(table: pd.DataFrame, stem: Path) -> None:
 class SteadyStretches:
     """Collects readings, and returns the rows of a table of measurements at the end.
 
-    Attributes
+    Parameters
     ----------
+    wheels
+        All wheels.
     pull_std
-        Deviation of a measured drawbar pull, N; None if none is measured.
+        Standard deviation of a measured drawbar pull, N; None if none is measured.
     gravity
         Acceleration of gravity, m/s^2.
+
+    Attributes
+    ----------
     unsteady
         Number of stretches that were left out.
     at_changes, unusable

@@ -94,13 +94,14 @@ class Known:
         For an odometry computed from the wheels, share of the way by which it differs from a multiple of the
         rims'; NaN for an independent one.
     no_twist
-        Distance by the pose while no twist has come, m; NaN once one has.
+        Distance by the pose while every twist was 0, m; NaN once one was not.
     down
         Whether z of the imu points down.
     against
-        Distance driven against the rims, m, if that is nearly all of it; else 0.
+        Distance over which the speed goes against the rims, m, if that is nearly all of the distance; else 0.
     slides
-        Whether nearly all of the distance was, but the vehicle may be sliding down a slope.
+        Whether it goes against the rims over nearly all of the distance, but the vehicle may be sliding down
+        a slope.
     """
 
     share: float = math.nan
@@ -116,7 +117,7 @@ class Known:
 
     @cached_property
     def twist(self) -> bool:
-        """Whether a twist has come."""
+        """Whether any twist was other than 0."""
         return math.isnan(self.no_twist)
 
 
@@ -137,8 +138,14 @@ class _Sums:
 class GroundSpeed:
     """Ground speed and imu samples, with what has been learnt of their accuracy, lag and independence.
 
-    moves: speed (m/s), yaw rate (rad/s) and, for a vehicle that steers, sideways speed (m/s). felt: the
-    imu's rows, z up, and the speed by the imu alone. posed: whether the speed is taken from the pose.
+    Attributes
+    ----------
+    moves
+        Speed (m/s), yaw rate (rad/s) and, for a vehicle that steers, sideways speed (m/s).
+    felt
+        The imu's rows, z up, and the speed by the imu alone.
+    posed
+        Whether the speed is computed from the pose.
     """
 
     def __init__(self, settings: OnboardSettings, doubts: Doubts | None = None) -> None:
@@ -180,7 +187,7 @@ class GroundSpeed:
     def believed(
         self, since: int, done: int, began: tuple[int, ...] = (), anew: tuple[int, ...] = ()
     ) -> BelievedRows:
-        """Believed rows, with everything learnt up to the newest one.
+        """Return the rows with their doubts, and with everything learnt up to the newest one.
 
         Parameters
         ----------
