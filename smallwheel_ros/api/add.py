@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`add`: one effect more in a model, and what that does to the held-out error."""
+"""`add`: one more effect in a model, and what it does to the held-out error."""
 
 from typing import TYPE_CHECKING
 
@@ -26,13 +26,14 @@ def add(
 
     Parameters
     ----------
-    effect : or its class
+    effect : str, Effect or class of effects
         Its id, as in `slip_sinkage`; the form that fits best is taken.
-    model : the contact integral and nothing else if not given
-        The model to add it to.
+    model : Model, Soil, str or path, optional
+        The model to add it to: a model file, or a soil of the library. Without it: the contact
+        integral alone.
     data
         Measurements; their diagnosis decides whether the effect is recommended.
-    effects : or what `sw.effects.load` returned
+    effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
     without
         Effects that do not compete, by id; `unknown` for curves without a name.

@@ -56,7 +56,7 @@ def compare(
 
     The closed forms of Bekker and of Meirion-Griffith & Spenko, the contact integral and, where pull or
     torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were
-    held out of the fit, beside a constant, the mean of the other runs, and a log-log regression. Errors
+    held out of the fit; so are a constant (the mean of the other runs) and a log-log regression. Errors
     are given for each channel, soil, wheel and range of conditions, beside the repeatability within
     runs. `diagnose` works out what error a true model would leave.
 
@@ -71,16 +71,17 @@ def compare(
     ----------
     data
         The measurements, or a folder of data sets.
-    models : one, several, or several by name
+    models : one, several, or a dictionary of several by name
         A further model to compare on a table, used as it is.
-    effects : or what `sw.effects.load` returned
+    effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
     law
         A Python file with laws of your own to enter for a folder, which is run.
     done
-        Given each set of rows of a folder when its laws are through.
+        For a folder: called with each set of rows once all laws are fitted to it.
     progress
-        Called with the numbers of fits done and in all; for a folder with what is being compared, in words.
+        Called with the number of fits done and their total; for a folder with what is being compared,
+        in words.
 
     Examples
     --------

@@ -25,8 +25,9 @@ def diagnose(
 ) -> "Diagnosis":
     """Say which physical effect a model of the measurements is missing.
 
-    Or that none is, that none known explains it, that several cannot be told apart, or that the
-    data is too small; where the model fails, what the data cannot show, and what to measure next.
+    Other verdicts are that none is missing, that no known effect explains the misfit, that several
+    explain it equally well, and that there is too little data. The result also says where the model
+    fails, what the data cannot show, and what to measure next.
 
     Parameters
     ----------
@@ -35,11 +36,11 @@ def diagnose(
     model
         Start from this model; its soil is refitted within its covariance. Without it: the contact
         integral alone.
-    effects : or what `sw.effects.load` returned
+    effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
     without
         Effects that do not compete, by id; `unknown` for curves without a name.
-    can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
+    can : dict, as ``{"slip": [0, 0.3, 0.6]}``
         What you can set in the next measurements (SI units, angles in rad).
     seed
         Seed of the simulations behind the p-values: the same seed gives the same result.

@@ -32,14 +32,14 @@ def fit(
     ----------
     data
         One table, or several of one lab: plates, pressed and rolling wheels, shear tests.
-    effects : or classes, or effects with numbers to start from
+    effects : str, Effect (with numbers to start from), class of effects, or several
         Effects to fit with the soil, by id (slip_sinkage,bulldozing) or id/form; a name that ends in
         .py is a file with effects of your own, which is run.
     model
         Start from this model; soils and effects are refitted within its covariance, or freely where it
         states none.
     geometry
-        How load follows from sinkage; contact_integral without a model.
+        Rule by which load follows from sinkage. Without it: the model's, or the contact integral.
 
     Examples
     --------

@@ -29,7 +29,7 @@ def learn(
 
     The program searches some 40,000 formulas inside the model. It drafts a law only where chance
     would not gain as much, and where the law also predicts settings that the search never saw.
-    Nothing could be learnt is a normal answer.
+    That nothing could be learnt is a normal answer.
 
     Parameters
     ----------
@@ -38,20 +38,20 @@ def learn(
     model
         Start from this model; its soil is refitted within its covariance. Without it: the contact
         integral alone.
-    effects : or what `sw.effects.load` returned
+    effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
     without
         Effects to take out of the model, by id; the law is not compared with them.
     name
-        Id of the law; without it, from what the law follows.
+        Id of the law; without it, one made from the settings on which the law depends.
     most
         Laws to learn, one after the other.
-    can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
+    can : dict, as ``{"slip": [0, 0.3, 0.6]}``
         What you can set in the next measurements (SI units, angles in rad).
     seed
         Seed of permutations and folds: the same seed gives the same result, to the byte.
     progress
-        Called with each step in words, and the numbers done and in all (0: not known).
+        Called with each step in words, the number of its parts done, and their total (0: not known).
 
     Examples
     --------

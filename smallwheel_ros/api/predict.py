@@ -35,7 +35,8 @@ def predict(
     """Predict sinkage, resistance and drawbar pull of a wheel on a soil.
 
     Ranges make a table of every combination of the settings; `data` has the settings row by row.
-    Each quantity comes with two standard deviations: `_std` of the law, `_run_std` of one row of one new run.
+    Each quantity comes with two standard deviations: `_std` is that of the law's value, `_run_std` that of
+    a row measured in a new run.
 
     Parameters
     ----------
@@ -44,16 +45,17 @@ def predict(
     load : number, several, or text
         Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf; 5kg is a mass, and weighs less
         with ``gravity=1.62``.
-    diameter : as the load
+    diameter : number, several, or text
         Wheel diameter [m], or with a unit: '17 cm'.
-    width : as the load
+    width : number, several, or text
         Wheel width [m].
-    slip : as the load
+    slip : number, several, or text
         Slip, -1 to 1, or as 30%; without it there is no thrust.
     data
-        A table of settings instead: each row is predicted. What it has measured comes out beside, as
-        `measured_sinkage`, `measured_sinkage_std` and so on. diameter and width are then those of all rows.
-    map : by name, as ``{"load": "F3"}``
+        A table of settings instead: each row is predicted. Quantities that the table has measured stand
+        beside the predictions, as `measured_sinkage`, `measured_sinkage_std` and so on. diameter and width
+        then hold for all rows.
+    map : dict, as ``{"load": "F3"}``
         Quantity of a column of `data` whose header does not name it.
     sheet
         Sheet of `data`, where it is a workbook.
@@ -61,9 +63,9 @@ def predict(
         Which soil of a model that has several; without a model, one of the library.
     closed_form
         Use the paper's closed form (eq. 10) instead of the contact integral, on a soil of the library.
-    effects : or what `sw.effects.load` returned
+    effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
-    others : as ``speed=0.1``
+    others : number, several, or text, as ``speed=0.1``
         A further column that an effect needs, in SI or with a unit.
 
     Examples

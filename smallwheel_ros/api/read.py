@@ -31,9 +31,9 @@ def read(
     ----------
     data
         CSV, Parquet or a spreadsheet, as docs/data.md says, or a DataFrame with such headers.
-    map : by name, as ``{"load": "F3", "width [cm]": "b"}``
+    map : dict, as ``{"load": "F3", "width [cm]": "b"}``
         Quantity of a column whose header does not name it.
-    sheet : or several, as ``["dry", "wet"]``
+    sheet : str, int, or several, as ``["dry", "wet"]``
         Sheet of a workbook, by name or number; several of the same columns become one table.
     diameter
         Wheel diameter [m] for all rows: 0.2, or with a unit, 20cm.
@@ -42,8 +42,8 @@ def read(
     contact
         Contact in all rows, where the table has no such column.
     compliance
-        Compliance of the machine [m/N]: times the load it is subtracted from each measured sinkage; 1 mm
-        under 500 N is 2e-6.
+        Compliance of the machine [m/N]: its product with the load is subtracted from each measured
+        sinkage; 1 mm under 500 N is 2e-6.
 
     Raises
     ------

@@ -34,9 +34,9 @@ def replay(
     soil_file: SoilFile | None = None,
     progress: Callable[[int, int], object] = unheard,
 ) -> "Replayed":
-    """Give a recorded drive to the estimator that the node runs.
+    """Run the node's estimator over a recorded drive.
 
-    The report is what the result saves as .html.
+    Saved as .html, the result is a report.
 
     Parameters
     ----------
@@ -44,22 +44,23 @@ def replay(
         A rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag.
     config
         The node's parameter file; if not given, what `smallwheel init` finds in the bag.
-    output : a temporary one, which goes with the result, if not given
-        Folder for tables, a bag and a cost map.
-    remaps : as ``{"odom": "/rover/odom"}``
-        The node's name of an input and the bag's topic.
+    output : path, optional
+        Folder for tables, a bag and a cost map; without it a temporary one, which is deleted with the
+        result.
+    remaps : dict, as ``{"odom": "/rover/odom"}``
+        The node's name of an input, and the topic of the bag that it is read from.
     clock
         Compare stamps with the times of recording, as the node does with use_sim_time; otherwise only
         with each other.
     copy
-        Topics that go into the new bag beside the estimates.
+        Topics that are copied into the new bag, beside the estimates.
     rate
-        Estimates a second (Hz) of each wheel at most, in place of the parameter mobility.rate; 0: one for
-        each measured sinkage.
+        Most estimates of each wheel in a second (Hz), in place of the parameter mobility.rate; 0: one
+        for each measured sinkage.
     soil_file
         Start from the soil saved there, if any, and save it there at the end.
     progress
-        Called with the numbers of messages done and in all.
+        Called with the number of messages done and their total.
 
     Examples
     --------

@@ -58,7 +58,10 @@ _MEND = {
 class BagError(SmallwheelError):
     """A bag cannot be read or written; the message names the file and what to do.
 
-    path: the bag. messages_read: number of messages read before the error.
+    Attributes
+    ----------
+    messages_read
+        Number of messages read before the error.
     """
 
     def __init__(self, path: Path, text: str, *, messages_read: int = 0) -> None:
@@ -86,7 +89,7 @@ class BagMessage(NamedTuple):
 
 
 class BagTopic(NamedTuple):
-    """One topic of a bag. readable: whether the definition of its type is in the bag, or known here."""
+    """One topic of a bag; it is readable if the definition of its type is in the bag, or known here."""
 
     name: str
     type: str
@@ -97,8 +100,12 @@ class BagTopic(NamedTuple):
 class BagReader:
     """An open bag; use it in a `with` statement.
 
-    path: a rosbag2 folder, one ``.mcap`` or ``.db3`` file, or a ROS 1 ``.bag`` file. Of a bag that is
-    damaged, was not closed, or lacks metadata or a file, what can be read is read.
+    A bag that is damaged, was not closed, or lacks metadata or a file is read as far as possible.
+
+    Parameters
+    ----------
+    path
+        A rosbag2 folder, one ``.mcap`` or ``.db3`` file, or a ROS 1 ``.bag`` file.
 
     Attributes
     ----------
@@ -241,7 +248,7 @@ class BagReader:
         Parameters
         ----------
         topic, kind
-            Such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
+            Name and type of the topic, such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
 
         Raises
         ------
@@ -257,12 +264,12 @@ class BagReader:
             raise
 
     def channel(self, topic: str, kind: str) -> CopiedTopic | None:
-        """How a bag of ROS 2 stores a topic; None if the topic's type is unknown.
+        """Describe how a bag of ROS 2 stores a topic; None if the topic's type is unknown.
 
         Parameters
         ----------
         topic, kind
-            Such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
+            Name and type of the topic, such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
         """
         connection = self._connections[topic, kind]
         try:
@@ -273,10 +280,18 @@ class BagReader:
         return CopiedTopic(topic, name, store, tuple(qos), convert)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Messages in the order of their log times; arrays in them are read-only.
+        """Yield messages in the order of their log times; arrays in them are read-only.
 
-        topics: names of topics to read; None means all whose definition is known. Raises BagError if the
-        definition of a requested topic is unknown, or, after the readable messages, if the bag is damaged.
+        Parameters
+        ----------
+        topics
+            Names of the topics to read; None means all whose definition is known.
+
+        Raises
+        ------
+        BagError
+            If the definition of a requested topic is unknown, or, after the readable messages, if the bag is
+            damaged.
         """
         decoders: dict[Key, Callable[[bytes], Any]] = {}
         for key, connection in self._wanted(topics).items():

@@ -100,7 +100,7 @@ class DefinitionError(SmallwheelError):
 
 
 class Definitions:
-    """Knows the types of one bag. ros2: False for a bag of ROS 1."""
+    """The message types of one bag; `ros2` is False for a bag of ROS 1."""
 
     def __init__(self, ros2: bool) -> None:
         self.ros2 = ros2

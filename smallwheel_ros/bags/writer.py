@@ -46,14 +46,14 @@ _LATCHED = Qos(
 
 
 def header(stamp: int, frame: str) -> Message:
-    """The header of a message.
+    """Make the header of a message.
 
     Parameters
     ----------
     stamp
         ns since the epoch.
     frame
-        Its frame_id.
+        The header's frame_id.
     """
     time = Message(sec=stamp // SECOND, nanosec=stamp % SECOND)
     return Message(stamp=time, frame_id=frame)
@@ -112,7 +112,7 @@ class BagWriter:
         Parameters
         ----------
         topic, kind
-            Such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
+            Name and type of the topic, such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
         log_time
             Time of recording, ns since the epoch.
         message
@@ -121,7 +121,7 @@ class BagWriter:
         self.write_raw(topic, kind, log_time, typestore().serialize_cdr(message, kind))
 
     def write_raw(self, topic: str, kind: str, log_time: int, data: bytes | memoryview) -> None:
-        """Write a message that is serialised already.
+        """Write a message that is already serialised.
 
         Parameters
         ----------

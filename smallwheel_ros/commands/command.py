@@ -144,7 +144,7 @@ def command(
     bar: Mapping[str, Any] | None = None,
     heard: Callable[[Given], Given] = lambda asked: {},
 ) -> click.Command:
-    """The command of a function of the API: it reads the table, calls the function, and shows the result.
+    """Make the command of a function of the API: it reads the table, calls the function, shows the result.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def command(
     bar
         Arguments of `progress_bar`.
     heard
-        Gives further arguments of the function, such as callbacks, from the options.
+        Function of the options that returns further arguments of the function, such as callbacks.
     """
     kinds = kinds_of(function)
     listens = "progress" in inspect.signature(function).parameters
@@ -191,7 +191,7 @@ def command(
 
 
 def with_what_was_typed(function: Function, *more: str) -> str:
-    """Name the function's command with the table and options of the running one.
+    """Write out the function's command, with the table and options that were typed for the running one.
 
     Parameters
     ----------

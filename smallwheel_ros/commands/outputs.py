@@ -30,7 +30,7 @@ __all__ = ["HTML", "JSON", "PATH", "PLOTS", "check_outputs", "finish", "output",
 
 
 def output(text: str, name: str = "output", required: bool = False) -> Decorator:
-    """The option -o.
+    """Declare the option -o.
 
     Parameters
     ----------
@@ -79,21 +79,21 @@ def check_outputs(given: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
 def progress_bar(
     what: str, total: int | None = None, unit: str = "it"
 ) -> Iterator[Callable[..., None]]:
-    """A progress bar on a terminal.
+    """Show a progress bar, if standard error is a terminal.
 
     Parameters
     ----------
     what
         Words before the bar.
     total
-        Steps in all; None if not known yet.
+        Total number of steps; None if not known yet.
     unit
-        What a step is called.
+        Name of a step.
 
     Yields
     ------
     callable
-        Called with a step's name, with the numbers done and in all, or with all three.
+        Called with a step's name, with the number done and the total, or with all three.
     """
     from tqdm import tqdm
 
@@ -113,7 +113,7 @@ def progress_bar(
 def finish(
     result: Result, asked: Options, text: str | None = None, written: Sequence[Path] = ()
 ) -> None:
-    """Write what was asked for, then show the result.
+    """Write the files that the options ask for, then show the result.
 
     Parameters
     ----------

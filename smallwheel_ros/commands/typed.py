@@ -29,7 +29,7 @@ class RememberedCommand(click.Command):
 
 
 def typed_again(names: Collection[str], *more: str) -> str:
-    """The words of the running command that belong to parameters of these names, quoted for a shell.
+    """Repeat the words of the running command that belong to parameters of these names, quoted for a shell.
 
     Unnamed arguments come first, then options in the order of `--help`; unnamed ones come last if one
     of them looks like an option.

@@ -26,7 +26,7 @@ def reason(error: Exception) -> str:
 
 
 def nearest(name: str, known: list[str]) -> str:
-    """A clause for error messages that lists what exists, the nearest match first.
+    """Make a clause for error messages that lists the names that exist, the nearest match first.
 
     Parameters
     ----------

@@ -84,14 +84,14 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     Parameters
     ----------
     path
-        Where to.
+        The file.
     content
-        All of it.
+        Its whole content.
 
     Raises
     ------
     OutputError
-        Where that is not possible.
+        If it cannot be written.
     """
     write_whole(path, lambda draft: draft.write_bytes(content))
 

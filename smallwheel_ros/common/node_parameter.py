@@ -238,14 +238,14 @@ def parameter(
 
 
 def topic(default: str, text: str, *, at_start: bool = False) -> Any:
-    """Declare the name of a topic; empty: none.
+    """Declare a parameter that names a topic; an empty value means no topic.
 
     Parameters
     ----------
     default
-        Its name if none is given.
+        Name of the topic if none is given.
     text
-        What its messages are.
+        Description of the topic's messages.
     at_start
         Whether it is only read at the start of the node.
     """
@@ -253,12 +253,12 @@ def topic(default: str, text: str, *, at_start: bool = False) -> Any:
 
 
 def path(text: str, *, at_start: bool = False) -> Any:
-    """Declare the path of a file, empty at first: none.
+    """Declare a parameter that names a file; the default is empty, which means no file.
 
     Parameters
     ----------
     text
-        What the file contains.
+        Description of the file's content.
     at_start
         Whether it is only read at the start of the node.
     """
@@ -306,7 +306,7 @@ def _row(name: str, hint: Any, default: Any, what: Mapping[str, Any]) -> NodePar
 
 
 def filled(declared: type[Declared], values: Mapping[str, Any], before: str = "") -> Declared:
-    """A declared group filled with values; the parameter `wheels` names the wheels.
+    """Make a declared group from values; the parameter `wheels` names the wheels.
 
     Fields of the class that are not parameters keep their defaults.
 

@@ -170,9 +170,9 @@ def write_plot(plot: Callable[[Axes], object], path: Path) -> None:
     Parameters
     ----------
     plot
-        Draws into axes of matplotlib.
+        Function that draws into axes of matplotlib.
     path
-        Where to; the suffix picks the format.
+        The file; its suffix selects the format.
     """
     from matplotlib.figure import Figure
 

@@ -18,7 +18,7 @@ from smallwheel_ros.common.files import json_text, write_bytes
 def text_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], right: Collection[int] = ()
 ) -> str:
-    """Columns aligned by spaces: to the right those of numbers and in `right`, others to the left.
+    """Align columns by spaces: those of numbers and in `right` to the right, others to the left.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def text_table(
     rows
         Cells, as many as the header has.
     right
-        Numbers of columns, from 0.
+        Indices of columns.
     """
     columns = list(zip(header, *rows, strict=True))
     widths = [max(len(cell) for cell in column) for column in columns]
@@ -52,7 +52,7 @@ def _is_number(cell: str) -> bool:
 
 
 def each(value: Any, single: Callable[[Any], Any]) -> Any:
-    """Mappings, lists and arrays in JSON's form, with `single` applied to every other value.
+    """Convert mappings, lists and arrays to JSON's form, and apply `single` to every other value.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     Parameters
     ----------
     path
-        Where to.
+        The file.
     rows
-        Values by column.
+        Rows, each with its values by column.
 
     Raises
     ------

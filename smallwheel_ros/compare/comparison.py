@@ -70,12 +70,12 @@ class Floor:
     Attributes
     ----------
     value, source
-        The error (m, N or N m), and how the noise was found, by a diagnosis of the same data; None without
-        one.
+        The error (m, N or N m), and what the noise is known from, both by a diagnosis of the same data; None
+        without a diagnosis.
     reason
-        How the value was found, or why there is none.
+        How the value was obtained, or why there is none.
     repeatability
-        Standard deviation of the rows of one run, SI; None where nothing was repeated.
+        Standard deviation of repeats within a run, SI; None if nothing was repeated.
     """
 
     value: float | None
@@ -95,7 +95,7 @@ class ModelResult:
     in_sample
         Errors of that model.
     held_out
-        Errors on each run by a fit without it; None for a model that is not fitted, or if there is one run.
+        Errors on each run by a fit without that run; None for a model that is not fitted, or with one run.
     unseen
         Errors on runs that the model was not fitted to; None if these are unknown.
     not_predicted
@@ -123,8 +123,8 @@ class Comparison(Result, shown="views.comparison"):
     noise
         Error to expect of a true model, by channel.
     folds
-        Number of parts into which the runs were dealt for the held-out error; 0 if nothing could be
-        held out.
+        Number of folds into which the runs were divided for the held-out error; 0 if nothing could be held
+        out.
     left_out
         Lines of the rows that no error includes, with the reason.
     """
@@ -148,7 +148,7 @@ class Comparison(Result, shown="views.comparison"):
         return self.models[0].in_sample.run
 
     def residual(self, result: ModelResult, channel: str, held_out: bool = False) -> Array:
-        """Measured less predicted, in the channel's SI unit, shape (rows,); NaN where either is missing.
+        """Compute measured minus predicted, in the channel's SI unit, shape (rows,); NaN if one is missing.
 
         Parameters
         ----------
@@ -182,7 +182,7 @@ class Comparison(Result, shown="views.comparison"):
         return found
 
     def shown_score(self, result: ModelResult, channel: str) -> Score | None:
-        """The score held out, or in sample where there is none.
+        """Return the held-out score, or the one in sample if there is none.
 
         Parameters
         ----------
@@ -192,7 +192,7 @@ class Comparison(Result, shown="views.comparison"):
         return self.score(result, channel, held_out=True) or self.score(result, channel)
 
     def best(self, channel: str, laws: bool = False) -> ModelResult | None:
-        """The model with the smallest error on runs that it was not fitted to.
+        """Find the model with the smallest error on runs that it was not fitted to.
 
         If no model has such runs, the one with the smallest error in sample; None if none predicts the
         channel.
@@ -331,7 +331,7 @@ def comparison_of(
     standard
         Whether the standard models are compared, too.
     progress
-        Called with how many of how many fits are done.
+        Called with the number of fits done and their total.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class BenchmarkError(SmallwheelError):
 
 @dataclass(frozen=True, repr=False)
 class Benchmark(Result, shown="views.law_table"):
-    """Errors of the laws on each set of rows. left_out: files that were not used, with the reason."""
+    """Errors of the laws on each set of rows; `left_out` gives the reason for each file that was not used."""
 
     folder: Path
     tasks: tuple[LawTable, ...]
@@ -63,7 +63,7 @@ def held_against(
     law
         A Python file with laws of your own, which is run; None: none.
     done
-        Called with the table of each data set as soon as it is there.
+        Called with the table of each data set as soon as it is complete.
     progress
         Called with a line of text on what is being done.
 

@@ -46,9 +46,18 @@ _TRIED = 3  # starts that are followed to their end: a law may have more than on
 
 @dataclass(frozen=True)
 class LawPrediction:
-    """A law's predictions at all points, shape (values,); NaN where it has none.
+    """A law's predictions at all points.
 
-    at_bound: names of parameters that its fit left at a bound. effects: those that it named.
+    Attributes
+    ----------
+    law
+        Name of the law.
+    value
+        Predictions, SI, shape (values,); NaN where there is none.
+    at_bound
+        Names of parameters that are at a bound after the fit.
+    effects
+        Effects that a diagnosis added to the law.
     """
 
     law: str
@@ -59,10 +68,16 @@ class LawPrediction:
 
 @dataclass(frozen=True)
 class Fold:
-    """The training data of a law.
+    """A table divided into rows that a law is fitted to and rows that it predicts.
 
-    points: those of the whole table. seen: mask of those that the law is fitted to, shape (values,). others:
-    the training rows of the table.
+    Attributes
+    ----------
+    points
+        Points of the whole table.
+    seen
+        Mask of the values that the law is fitted to, shape (values,).
+    others
+        The rows of the table that it is fitted to.
     """
 
     points: Points
@@ -81,7 +96,7 @@ class Fold:
 
 
 def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[LawPrediction]:
-    """Predictions by every law of the table on one fold.
+    """Yield the predictions of every law of the table on one fold.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _FEWEST = 3  # parts: of two, the spread is one number
 
 @dataclass(frozen=True)
 class Difference:
-    """Error of a law minus that of ours, mean over parts, SI. std: its standard error, None for one part."""
+    """Error of a law minus that of ours, mean over parts, SI; its standard error is None for one part."""
 
     mean: float
     std: float | None
@@ -52,11 +52,11 @@ class Errors:
     refused
         Number of points that it does not predict.
     effects
-        By part, what the diagnosis of the other parts named.
+        By part, the effects that a diagnosis of the other parts named.
     at_bound
-        By parameter, in how many fits it was at its bound.
+        By parameter, the number of fits in which it was at its bound.
     against
-        Difference from our law.
+        Difference from the error of our law; None for our law itself.
     """
 
     law: str
@@ -115,14 +115,14 @@ class LawTable:
 def table_of(
     file: Path, licence: str, task: Task, own: tuple[OwnLaw, ...], progress: Callable[[str], object]
 ) -> LawTable:
-    """Errors of every law on every part of a data set.
+    """Compute the errors of every law on every part of a data set.
 
     Parameters
     ----------
     file, licence
-        Where its table is, and under which licence.
+        File of its table, and the licence.
     task
-        Measurements, and which part each row is of.
+        Measurements, and the part that each row belongs to.
     own
         Laws of the user's own.
     progress
@@ -176,7 +176,7 @@ def table_of(
 
 
 def difference(law: list[float | None], ours: list[float | None]) -> Difference | None:
-    """How much larger a law's errors are than ours, in the mean over parts; None where no part has both.
+    """Compute how much larger a law's errors are than ours, as a mean over parts; None if no part has both.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ class Law:
 
 
 class OwnLaw:
-    """A law of a file, as a function of shares: the position of each parameter between its bounds, 0 to 1.
+    """A user's law, as a function of where each parameter lies between its bounds: 0 to 1, called a share.
 
     For a parameter whose bounds are positive, the share is that of its logarithm.
     """
@@ -79,7 +79,7 @@ class OwnLaw:
         return np.random.default_rng(0).random((max(1, _STARTS * count), count))
 
     def predict(self, shares: Array, conditions: Conditions) -> dict[str, Array]:
-        """Its channels in SI units, shape (rows,) each, NaN where it has no prediction.
+        """Predict its channels in SI units, shape (rows,) each; NaN where it has no prediction.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class OwnLaw:
         Raises
         ------
         LawError
-            Where the law raises anything, or gives other shapes.
+            If the law raises any exception, or returns other shapes.
         """
         values = {}
         for p, share in zip(self.parameters, shares.tolist(), strict=True):
@@ -114,7 +114,7 @@ class OwnLaw:
 
 
 def load_laws(path: Path, taken: Sequence[str] = ()) -> tuple[OwnLaw, ...]:
-    """The laws of a Python file, which is run: name only files that you trust.
+    """Run a Python file, and return the laws in it: name only files that you trust.
 
     Parameters
     ----------

@@ -34,10 +34,10 @@ SAME_FREEDOM = (
 
 
 def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
-    """By channel, why a law of bodies that do not roll is worse than a line, in words; for wheels `MISSING`.
+    """Explain, by channel, why a law may have a larger error than a regression; for wheels it is `MISSING`.
 
-    The reasons are scatter that is larger than soils and rigs usually have, and an exponent at the
-    largest n; else that law and line both use the same settings.
+    For bodies that do not roll the reasons are scatter larger than soils and rigs usually have, and an
+    exponent at the largest n; otherwise that law and regression use the same settings.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def lone_soils(data: Measurements) -> list[str]:
 
 
 def left_out(points: Points, outliers: Index) -> Reasons:
-    """Lines of the rows that no error includes, with the reason.
+    """List the lines of rows that no error includes, with the reason.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def notes_of(points: Points, folds: int) -> tuple[str, ...]:
     points
         The points of the fit.
     folds
-        How many times rows were held out; 0 if nothing could be.
+        Number of folds; 0 if nothing could be held out.
     """
     notes = [note for note in points.notes if _SUNK not in note]
     if not folds:

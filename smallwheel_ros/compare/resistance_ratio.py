@@ -21,8 +21,16 @@ _POINTS = 60
 class ResistanceRatio:
     """Measured resistance over load, and the lines that compaction alone would give whatever k and m are.
 
-    rows: numbers of the table's rows; x, y: their coordinates; soil: the name of each one's soil. line_x,
-    lines: the lines of compaction, by n.
+    Attributes
+    ----------
+    rows
+        Indices of the table's rows, shape (points,).
+    x, y
+        sqrt(sinkage / diameter) and resistance over load of these rows, 1, shape (points,).
+    soil
+        Name of each row's soil, shape (points,).
+    line_x, lines
+        x of the lines of compaction, and their y by n.
     """
 
     rows: NDArray[np.intp]

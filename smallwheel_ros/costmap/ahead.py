@@ -24,6 +24,8 @@ class GroundAhead:
 
     Parameters
     ----------
+    settings
+        Settings of the cost map.
     prior
         Largest pull over load of any ground, as believed before driving; None if unknown.
     names, reference_slip
@@ -88,7 +90,7 @@ class GroundAhead:
         self._sloping = self._numbers = None
 
     def class_at(self, frame: str, x: float, y: float) -> int:
-        """Terrain class of a place.
+        """Look up the terrain class of a place.
 
         Parameters
         ----------

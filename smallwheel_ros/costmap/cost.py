@@ -49,8 +49,8 @@ def falls_short(
     Parameters
     ----------
     margin, deviation
-        Largest pull over load that the ground gives at any slip (1), and its standard deviation; of any one
-        shape. Single precision is kept.
+        Largest pull over load that the ground gives at any slip (1), and its standard deviation; both of one
+        shape, whatever it is. Single precision is kept.
     required
         Pull over load, 1.
 
@@ -66,8 +66,15 @@ def falls_short(
 class CostRules:
     """How a margin becomes a cost.
 
-    required_margin: tangent of the slopes that the vehicle has to climb beyond those it has met. Raises
-    CostMapError for a value that is not such a tangent.
+    Attributes
+    ----------
+    required_margin
+        Tangent of slopes that the vehicle has to climb in addition to those it has met, 1.
+
+    Raises
+    ------
+    CostMapError
+        If that is not the tangent of a slope.
     """
 
     required_margin: float = 0.0
@@ -114,7 +121,7 @@ class CostRules:
         Parameters
         ----------
         margin, deviation
-            See `cost`; of any one shape.
+            As in `cost`; both of one shape, whatever it is.
 
         Returns
         -------

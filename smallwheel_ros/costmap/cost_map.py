@@ -45,10 +45,14 @@ class CostGrids(NamedTuple):
 
 
 class CostMap:
-    """Costs of ground, from wheels' margins as they come.
+    """Costs of ground, from wheels' margins as they arrive.
 
     Parameters
     ----------
+    settings
+        Window and rules of the map.
+    wheels
+        All wheels.
     prior
         Largest pull over load of any ground, as believed before driving (`drive.ground_map.cost_map_of`);
         None if unknown.
@@ -158,8 +162,8 @@ class CostMap:
         course
             Direction of travel to the left of the heading, rad.
         measured
-            Whether the margin was measured on that ground. If it is only that of any ground, a terrain class
-            that has a prior of its own is not updated by it.
+            Whether the margin was measured on that ground. If it is only that of any ground, it does not
+            update a terrain class that has a prior of its own.
         """
         self._enter(frame)
         moved = self._ground.follow(pose.x, pose.y)
@@ -198,7 +202,7 @@ class CostMap:
     # --- What is expected
 
     def expect(self, most: Quantity) -> None:
-        """Set the largest pull per load that ground like the present one gives, for ground ahead."""
+        """Set the largest pull over load that ground like the present one gives, for ground ahead."""
         self.changed |= self.ahead.elevation is not None and most != self.ahead.most
         self.ahead.most = most
 
@@ -218,7 +222,7 @@ class CostMap:
         self.remembered, self.changed = grid, True
 
     def place_frame(self, above: str, pose: Pose) -> None:
-        """Note the pose of the positions' frame in the frame above it, such as odom in map.
+        """Set the pose of the positions' frame in the frame above it, such as that of odom in map.
 
         Parameters
         ----------

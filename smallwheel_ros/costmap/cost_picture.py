@@ -38,11 +38,11 @@ def draw_cost(
     path
         File of the picture.
     way
-        Places of the robot on its way, m; shape (places, 2).
+        Places of the robot on its path, m; shape (places, 2).
     planned
         Places of a path that a planner has found, m; shape (places, 2).
     title
-        Above the picture.
+        Text above the picture.
     """
     rows, columns = np.nonzero(grid.cells != UNKNOWN)
     x0, y0 = grid.origin

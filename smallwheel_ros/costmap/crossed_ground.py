@@ -41,7 +41,7 @@ class Outline:
     front, rear, left, right
         Its ends from base_link, m; ahead and left positive.
     radius
-        By how much a wheel may protrude from it at the front and at the rear, m.
+        How far a wheel protrudes from it at the front and at the rear, m.
     half_width
         From base_link to the outermost edge, m.
     around
@@ -62,7 +62,7 @@ class Outline:
         self.length = self.front - self.rear + 2.0 * self.radius
 
     def across(self, pose: Pose, wheel: Wheel, course: float = 0.0) -> tuple[Line, Line]:
-        """Lines across the path at a wheel's axle: of the vehicle's whole width, and of the wheel alone.
+        """Compute lines across the path at a wheel's axle: over the vehicle's whole width, and the wheel's.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class Outline:
     def gap(
         self, pose: Pose, x: NDArray[np.float64], y: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Distance of places from the vehicle's outline.
+        """Compute the distance of places from the vehicle's outline.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class Outline:
 
 
 def side_of(size: float, resolution: float) -> int:
-    """Cells along a window's side.
+    """Compute the number of cells along a window's side.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class CrossedGround:
     size, resolution
         Side of the window and of a cell, m.
     length
-        m of travel over which a cell is in one crossing: the vehicle's length.
+        Distance of travel within which wheels on one cell belong to one crossing, m: the vehicle's length.
     """
 
     def __init__(self, size: float, resolution: float, length: float = 0.0) -> None:

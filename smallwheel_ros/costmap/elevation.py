@@ -60,7 +60,7 @@ class Elevation:
 
 
 def elevation_from(message: Any, layer: str, length: float, names: Sequence[str] = ()) -> Elevation:
-    """Take a grid_map_msgs/GridMap, of rclpy or of a bag.
+    """Compute slopes from a grid_map_msgs/GridMap, as received by rclpy or read from a bag.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def elevation_from(message: Any, layer: str, length: float, names: Sequence[str]
 
 
 def layer_of(message: Any, name: str) -> Array:
-    """A layer's values.
+    """Read a layer's values, in the order of x and y.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def layer_of(message: Any, name: str) -> Array:
 
 
 def slopes(heights: Array, resolution: float, length: float) -> tuple[Array, Array]:
-    """Tangent of the steepest direction at each cell, and its standard deviation; same shape.
+    """Compute the tangent of the steepest direction at each cell, and its standard deviation; same shape.
 
     Parameters
     ----------

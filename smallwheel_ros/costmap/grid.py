@@ -43,14 +43,14 @@ class CostMapError(SmallwheelError):
 
 
 class Pose(NamedTuple):
-    """Place (m) and heading (rad) of base_link."""
+    """Position x, y (m) and heading (rad) of base_link, or of a frame, in another frame."""
 
     x: float
     y: float
     heading: float
 
     def place(self, ahead: Length, left: Length) -> tuple[Length, Length]:
-        """Position, in the pose's frame, of a point given in base_link.
+        """Convert a point in base_link to the frame of this pose.
 
         Parameters
         ----------
@@ -89,7 +89,10 @@ class Grid:
     cells
         Shape (rows along y, columns along x), int8.
 
-    Raises CostMapError where a number is not finite, or the cells have no such shape.
+    Raises
+    ------
+    CostMapError
+        If a number is not finite, or the cells are not of such a shape.
     """
 
     frame: str
@@ -119,7 +122,7 @@ class Grid:
         return self.frame, self.resolution, self.origin, self.cells.shape
 
     def cell(self, x: float, y: float) -> tuple[int, int] | None:
-        """Row and column of a place.
+        """Find the row and column of the cell at a place.
 
         Parameters
         ----------
@@ -129,7 +132,7 @@ class Grid:
         Returns
         -------
         (int, int) or None
-            None outside.
+            None if the place is outside of the grid.
         """
         row = math.floor((y - self.origin[1]) / self.resolution)
         column = math.floor((x - self.origin[0]) / self.resolution)
@@ -137,7 +140,7 @@ class Grid:
         return (row, column) if 0 <= row < rows and 0 <= column < columns else None
 
     def around(self, x: float, y: float, reach: float) -> tuple[slice, slice]:
-        """Rows and columns that hold all cells within reach of a place; empty ones far outside.
+        """Slices of the rows and columns with all cells within reach of a place; empty if there is none.
 
         Parameters
         ----------
@@ -157,7 +160,7 @@ class Grid:
 
 
 def grid_from(message: Any) -> Grid:
-    """The grid in a nav_msgs/OccupancyGrid, of rclpy or of a bag.
+    """Make a grid from a nav_msgs/OccupancyGrid, as received by rclpy or read from a bag.
 
     Raises CostMapError that names what is wrong, what was found and what was expected.
     """
@@ -173,7 +176,7 @@ def grid_from(message: Any) -> Grid:
 
 
 def check_straight(turn: Any, what: str) -> None:
-    """Check that a grid is not turned in its frame.
+    """Check that a grid is not rotated in its frame.
 
     Parameters
     ----------
@@ -185,7 +188,7 @@ def check_straight(turn: Any, what: str) -> None:
     Raises
     ------
     CostMapError
-        If it is.
+        If it is rotated.
     """
     facing = (turn.x, turn.y, turn.z, turn.w)
     off = min(np.abs(facing - _STRAIGHT).max(), np.abs(facing + _STRAIGHT).max())
@@ -235,9 +238,12 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
 
 
 def ends(some: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """First and last row and column that contain a marked cell; empty where there is none.
+    """Slices of the rows and columns from the first to the last marked cell; empty if none is marked.
 
-    some: shape (rows, columns).
+    Parameters
+    ----------
+    some
+        Mask of the marked cells, shape (rows, columns).
     """
     at = (np.flatnonzero(some.any(axis=axis)) for axis in (1, 0))
     rows, columns = (slice(int(e[0]), int(e[-1]) + 1) if e.size else slice(0, 0) for e in at)
@@ -336,7 +342,7 @@ def write_map(path: Path, grid: Grid) -> None:
 
 
 def map_files(path: Path, grid: Grid) -> dict[Path, bytes]:
-    """Contents of the two files of a map.
+    """Make the contents of the two files of a map.
 
     Parameters
     ----------

@@ -37,12 +37,12 @@ class OwnTrack:
         self._homes: Cells = np.empty(64, dtype=np.int8)
 
     def follow(self, last: Pose, pose: Pose, home: int) -> None:
-        """Record the cells from the vehicle's last place to this one, and their cost on the way back.
+        """Record the cells from the vehicle's last place to this one, and the cost of driving back over them.
 
         Parameters
         ----------
         last, pose
-            Pose of base_link before, and now.
+            Last and present pose of base_link.
         home
             Cost of the cells on the way back, 0 to 100.
         """
@@ -65,7 +65,7 @@ class OwnTrack:
             self._homes[number] = home
 
     def leave_way_home(self, costs: Grid, pose: Pose, free: int) -> None:
-        """Let no cell of the track cost more than driving back there does.
+        """Reduce the cost of each cell of the track to that of driving back over it.
 
         Parameters
         ----------

@@ -70,7 +70,7 @@ def _dearest(costs: Cells, reach: float) -> Cells:
 
 
 def wide(grid: Grid, reach: float) -> Grid:
-    """A grid with costs spread, and enlarged on all sides by the reach.
+    """Return a grid with costs spread, enlarged on all sides by the reach.
 
     Parameters
     ----------

@@ -68,9 +68,16 @@ class Met(NamedTuple):
 
 @dataclass(frozen=True)
 class ClassPrior:
-    """Ground of a name, before any wheel is on it: H (1 - exp(-slip / K)) - R, and its standard deviation.
+    """Margin of a named kind of ground before any wheel is on it: H (1 - exp(-slip / K)) - R.
 
-    grip (H) and resistance (R) over load, softness (K) a slip (Janosi and Hanamoto 1961).
+    Attributes
+    ----------
+    grip, resistance
+        H and R, over load, 1.
+    softness
+        K, a slip (Janosi and Hanamoto 1961), 1.
+    deviation
+        Standard deviation of the margin, 1.
     """
 
     grip: float
@@ -173,10 +180,12 @@ class TerrainClasses:
 
     Parameters
     ----------
+    rules
+        Rules by which a margin becomes a cost.
     apart
         Places of one wheel that are nearer to each other than this count once, m.
     priors
-        What is believed of classes before they are crossed, by number.
+        Margins of classes before they are crossed, by number.
     """
 
     def __init__(
@@ -200,7 +209,7 @@ class TerrainClasses:
     def learn(
         self, wheel: str, x: float, y: float, terrain: int, margin: Quantity, beyond: float = 0.0
     ) -> bool:
-        """Take a wheel's margin on ground of a class.
+        """Update a class with a wheel's margin on ground of that class.
 
         Parameters
         ----------
@@ -211,14 +220,14 @@ class TerrainClasses:
         terrain
             Number of the class; nothing is learnt below 0.
         margin
-            Net traction over the load, at the reference slip.
+            Drawbar pull over load at the reference slip, 1.
         beyond
-            Gain beyond the reference slip, over the load.
+            Gain of the margin beyond the reference slip, 1.
 
         Returns
         -------
         bool
-            Whether it was used; it is not where it is too close to the last place in the class.
+            Whether it was used: not if it is too close to the last place of the class.
         """
         if terrain < 0:
             return False
@@ -275,9 +284,12 @@ class TerrainClasses:
         return known.add(_NOTHING_HELD, 0.0, stuck) if stuck else known
 
     def table(self, other: Quantity | None = None) -> Cells:
-        """Cost of each class number, shape (256,), indexed by the int8's byte.
+        """Cost of each class number, shape (256,), indexed by the byte of the int8.
 
-        other: largest margin to expect of classes of which nothing is known; None: they have no cost.
+        Parameters
+        ----------
+        other
+            Largest margin to expect of classes of which nothing is known; None: they have no cost.
         """
         table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
         if other is not None:

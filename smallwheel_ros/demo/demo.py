@@ -61,14 +61,14 @@ def run_demo(
     seed
         Seed of the simulated drive.
     distance
-        m before the slope that ends the drive.
+        Distance before the slope that ends the drive, m.
     rate
         Largest factor on real time.
 
     Returns
     -------
     document, text : dict, str
-        What was written and found as plain values, and in words.
+        Files and results as plain values, and in words.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _own_ros(log_folder: Path) -> Iterator[None]:
 
 
 def clip_of(recording: PlayedRecording, epoch: int) -> Clip:
-    """The node's answers as tables.
+    """Turn the node's answers into tables.
 
     Parameters
     ----------
@@ -243,14 +243,14 @@ def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
 
 
 def summary(full: Clip, answer: dict[str, Any]) -> str:
-    """What the node estimated, compared with the truth.
+    """Say what the node estimated, compared with the truth.
 
     Parameters
     ----------
     full
         The node's answers.
     answer
-        Truth of the simulated drive.
+        True values of the simulated drive.
     """
     found = full.recording
     latencies = np.array(found.latencies) * 1e3

@@ -33,8 +33,16 @@ _UNITS = {"k": " [Pa/mⁿ⁺ᵐ]", "n": "", "m": ""}
 class Clip(NamedTuple):
     """The node's answers to a bag played into it.
 
-    mobility: one row for each estimate, blank if unknown. soil: one row for each message. epoch: stamp
-    of time 0, ns.
+    Attributes
+    ----------
+    mobility
+        One row for each estimate; unknown values are blank.
+    soil
+        One row for each message.
+    recording
+        The answers as they were received.
+    epoch
+        Stamp of time 0 of the tables, ns.
     """
 
     mobility: pd.DataFrame
@@ -51,7 +59,7 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
     clip
         The node's answers.
     truth
-        Answer of the simulated drive.
+        True values of the simulated drive.
     warned
         Times at which the node warned, s.
     path

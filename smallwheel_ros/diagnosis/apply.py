@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Added(Result, shown="views.added"):
-    """An effect added to a model, and what that changes.
+    """A model with one more effect, and what the effect changes.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Added(Result, shown="views.added"):
         return f"{words(self.effect)} ({self.form}), held-out error {errors}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as `smallwheel add --json` writes it."""
+        """The result as plain values, as in the JSON of `smallwheel add`."""
         document = {
             "schema": 1,
             "effect": self.effect,
@@ -117,7 +117,7 @@ class Added(Result, shown="views.added"):
 
 
 def added(effect: str, start: Start) -> Added:
-    """Add one effect, in the form that fits best, and fit everything anew.
+    """Add one effect to a model, in the form that fits best, and fit all parameters again.
 
     Parameters
     ----------
@@ -212,7 +212,12 @@ def _forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competi
 class Grown:
     """A base model of the judged channels with effects, each in the form of largest evidence.
 
-    model: fitted to all runs. choose: fits it to the training runs of a fold alone; returns a list of one.
+    Attributes
+    ----------
+    model
+        The model, fitted to all runs.
+    choose
+        Function that fits it to the training runs of a fold alone; it returns a list of one.
     """
 
     model: Candidate
@@ -220,14 +225,14 @@ class Grown:
 
     @classmethod
     def of(cls, problem: Problem) -> Grown:
-        """The base without any added effect."""
+        """Fit the base model, without any added effect."""
         return cls(
             Candidate.of(problem.fit),
             kept(lambda training: [Candidate.of(problem.fold(training)[1])]),
         )
 
     def with_effect(self, problem: Problem, forms: Sequence[Competitor]) -> Grown:
-        """The model with one more effect; each fold chooses among the forms within `WINDOW` of the best.
+        """Add one more effect; each fold chooses again among the forms within `WINDOW` of the best.
 
         Parameters
         ----------
@@ -266,7 +271,7 @@ class Grown:
         return Grown(made[0], kept(choose))
 
     def held_out(self, problem: Problem) -> CvErrors:
-        """Each run's errors by the fit of the fold without it (`errors_of`)."""
+        """Errors of each run, as predicted by the fit of the fold that leaves it out (`errors_of`)."""
         return errors_of(problem, self.choose, 1)[0]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that do not belong to the others: a digit too many, two swapped rows, a sensor that got stuck.
+"""Finds runs with gross errors: a digit too many, two swapped rows, a sensor that got stuck.
 
 A run is compared with the other runs of its setting, and with the prediction by a model fitted to all runs,
 conditional on the others: with S = V + J P^-1 J' and Q = S^-1, for the values G of a run,
@@ -48,14 +48,14 @@ _SHALLOWEST = 1e-6  # m
 
 @dataclass(frozen=True)
 class BadRun:
-    """A run that lies far off.
+    """A run whose values are grossly wrong.
 
     Attributes
     ----------
     rows
         Its rows of the table, shape (rows,).
     deviations
-        How far off it is, in robust deviations of `channel`.
+        How far its values are off, in robust standard deviations of `channel`.
     against
         What it was compared with, in words.
     """
@@ -77,14 +77,17 @@ class BadRun:
 
 
 def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
-    """The runs that lie grossly off: stuck sensors first, else of repeated settings, else of the model.
+    """Find the runs that are grossly wrong.
+
+    Stuck sensors come first. If there are none, runs are compared with repeats of their setting; if none is
+    off, with the model.
 
     Parameters
     ----------
     fitter
         Fitter of the points.
     fit
-        The base, fitted.
+        Fit of the base model.
     """
     if fitter.points.run_count <= 2 * _FEWEST:
         return []

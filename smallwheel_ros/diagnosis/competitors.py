@@ -65,7 +65,7 @@ class Competitor:
     effect
         The effect of the library; None for a curve.
     geometry
-        Contact rule that it brings; None: the model's stays.
+        Contact rule that it puts in place of the model's; None: the model's stays.
     replaces
         Whether the model has another law of the family, which it replaces.
     stage, span
@@ -113,14 +113,14 @@ class Competitor:
 
 
 def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
-    """A parameter vector with a competitor put in place of what it replaces.
+    """Add a competitor to a parameter vector, in place of the effect that it replaces, if any.
 
     Parameters
     ----------
     vector
         The free parameters.
     put_in
-        The competitor.
+        The competitor to add.
     """
     parts = tuple(part for part in vector.parts if part.id != put_in.part.id)
     if put_in.geometry is not None:  # no effect with numbers
@@ -133,9 +133,18 @@ TAKEN_OUT = "taken out of the competition"  # why a family does not compete: the
 
 @dataclass(frozen=True)
 class Field:
-    """The competitors, and the families that this data cannot test, with the reason for each.
+    """The competitors, and the families that this data cannot test.
 
-    kinds: the kind of every family. columns: settings that effects can follow (`independent`).
+    Attributes
+    ----------
+    competitors
+        All competitors.
+    blocked
+        Families that cannot be tested, each with the reason.
+    kinds
+        Kind of every family.
+    columns
+        Settings on which effects can depend (`independent`), by name, shape (values,) each, SI units.
     """
 
     competitors: tuple[Competitor, ...]
@@ -144,7 +153,7 @@ class Field:
     columns: Mapping[str, Array]
 
     def learnt_from(self, measurements: Measurements) -> frozenset[str]:
-        """Families with a law learnt from this very table, which is no evidence for such a law."""
+        """Families with a law learnt from this very table, which therefore cannot confirm it."""
         return frozenset(
             c.family
             for c in self.competitors
@@ -152,17 +161,17 @@ class Field:
         )
 
     def only(self, competitors: Sequence[Competitor], blocked: Mapping[str, str]) -> Field:
-        """The same field with these competitors.
+        """Return a field with only these competitors.
 
-        Prior odds: `EXPECTED_EFFECTS` are shared evenly among the families, and a family's among
-        its forms.
+        The prior odds, `EXPECTED_EFFECTS`, are shared evenly among the families, and those of a family
+        among its forms.
 
         Parameters
         ----------
         competitors
             Those that take part.
         blocked
-            Reasons by family, added to those there are.
+            Families that cannot be tested, each with the reason; they are added to the present ones.
         """
         families = [c.family for c in competitors]
         each = EXPECTED_EFFECTS / max(len(set(families)), 1)
@@ -173,16 +182,16 @@ class Field:
 def field_of(
     points: Points, model: Model, registry: Registry, without: Collection[str] = ()
 ) -> Field:
-    """All competitors that this data could reveal, chosen before any residual is looked at.
+    """Choose all competitors that this data could reveal, before any residual is looked at.
 
     Parameters
     ----------
     points
-        The points.
+        The measured values.
     model
         The base model.
     registry
-        Registry of effects.
+        All effects.
     without
         Families that do not take part.
     """
@@ -351,7 +360,7 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
 
 
 def independent(points: Points) -> dict[str, Array]:
-    """Settings that were varied and do not follow from others, by name, at each value."""
+    """Settings that were varied and do not follow from others, by name; shape (values,) each, SI units."""
     columns = points.varied
     return {
         name: column
@@ -403,10 +412,10 @@ def _run_means(column: Array, points: Points) -> Array:
 
 
 def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
-    """Whether a column follows from other settings (a rim's speed, a load that falls while skidding).
+    """Whether a column can be computed from other settings (a rim's speed, a load that falls while skidding).
 
-    By ranks, so that any rising or falling law counts: of one setting, or of all together with their
-    squares and products (adjusted for how many terms that takes).
+    Ranks are compared, so that any rising or falling relation counts: with one setting, or with all of them,
+    their squares and their products (adjusted for the number of terms).
 
     Parameters
     ----------

@@ -44,9 +44,16 @@ _LEGENDRE: tuple[Callable[[Array], Array], ...] = (
 
 @dataclass(frozen=True)
 class CurveSpan:
-    """The setting that a curve follows, and its scale.
+    """The setting on which a curve depends, and the range over which it is scaled.
 
-    middle, half: middle and half width of the range, SI. side: 0, or the sign of a one-sided range.
+    Attributes
+    ----------
+    column
+        Name of the setting.
+    middle, half
+        Middle and half width of the range, SI.
+    side
+        0, or the sign of a one-sided range, whose curve is 0 at `middle`.
     """
 
     column: str
@@ -75,7 +82,14 @@ def _series(coefficients: Mapping[str, Any], span: CurveSpan, x: Array) -> Array
 class Curve(Effect):
     """A smooth function of one setting; its subclasses define the stage.
 
-    size: N or m, of a curve that is added.
+    Attributes
+    ----------
+    span
+        The setting and its range.
+    coefficients
+        Coefficients of the Legendre polynomials, by name, 1.
+    size
+        Scale of a curve that is added to a value, N or m.
     """
 
     id: ClassVar[str] = "unknown"
@@ -123,8 +137,16 @@ def _depth(self: Curve, depth: Array, conditions: Conditions) -> Array:
 class Stage(NamedTuple):
     """Where a curve acts: the method of an effect, and how it changes the value there.
 
-    stands_for: stages of effects of which the curve is the most general form. unit: of a curve that is
-    added.
+    Attributes
+    ----------
+    method
+        Name of the effect's method.
+    acts
+        Function that changes the value.
+    stands_for
+        Stages of effects of which the curve is the most general form.
+    unit
+        Unit of a curve that is added to the value; "1" for a factor.
     """
 
     method: str
@@ -157,7 +179,7 @@ _KINDS = {name: type("Curve", (Curve,), {s.method: s.acts}) for name, s in STAGE
 def curve_part(
     name: str, stage: str, span: CurveSpan, first: int, terms: int, size: float = 1.0
 ) -> EffectPart:
-    """A curve as an effect of a fit.
+    """Make a curve that a fit can use as an effect.
 
     Parameters
     ----------
@@ -187,7 +209,7 @@ def curve_part(
 
 
 def spans_of(column: str, values: Array) -> list[CurveSpan]:
-    """The spans over which a setting varies: one, or one on each side of its anchor.
+    """The spans over which a setting varies: one, or one on each side of the value at which it has no effect.
 
     Parameters
     ----------
@@ -207,7 +229,7 @@ def spans_of(column: str, values: Array) -> list[CurveSpan]:
 
 
 def distinct(values: Array, span: CurveSpan) -> int:
-    """Largest number of terms that a curve over a span can have, by the number of different settings in it.
+    """Largest number of terms of a curve over a span, which is limited by the different settings within it.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The diagnosis as plain values, by contract: what is written as JSON."""
+"""The diagnosis as plain values, which are written as JSON: a contract with its readers."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _AS_GOOD = 1.1  # of what a true model leaves: a held-out error is known to a te
 
 
 def plain(value: Any) -> Any:
-    """Plain values with six digits; what is not finite becomes null."""
+    """Convert to plain values with six digits; numbers that are not finite become null."""
     return each(value, _short)
 
 
@@ -85,7 +85,7 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
     reason
         What is lacking, in words.
     field
-        Competitors, given where the base can be fitted.
+        The competitors, where the base model can be fitted; else None.
     """
     document = _head(problem, "insufficient_data", reason)
     if field is not None:
@@ -105,14 +105,14 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
 
 
 def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
-    """The document, without the proposals of what to measure next.
+    """Make the document of a diagnosis, without the proposals of what to measure next.
 
     Parameters
     ----------
     evidence
-        What was collected.
+        The evidence.
     verdict
-        What was decided.
+        The verdict that was reached from it.
     seed
         Seed of the test of where the base fails.
     """

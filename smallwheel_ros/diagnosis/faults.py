@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fault of the sinkage's instrument, as pull and torque show it.
+"""Faults of the instrument that measures sinkage, as pull and torque reveal them.
 
 The law of pull and torque needs the sinkage, whatever its cause: it must hold at the shown sinkage
 minus the instrument's fault. A fault is therefore judged without any law of sinkage, by the
@@ -45,13 +45,14 @@ class Witness:
     part
         The effect under its prior.
     told
-        The same effect under the posterior by pull and torque, for fits that do not include these.
+        The same effect with the posterior that pull and torque give it as its prior: for fits to
+        sinkage alone.
     evidence
         ln evidence with it minus that without it, nats.
     probability
         Probability of the fault, from pull and torque alone.
     base, errors
-        The model without it, and its held-out errors.
+        The model without the fault, and its held-out errors.
     """
 
     part: EffectPart

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Held-out errors of a diagnosis: in each fold, what is named is chosen again."""
+"""Held-out errors of a diagnosis: the effects that it names are chosen again in each fold."""
 
 from __future__ import annotations
 
@@ -37,7 +37,17 @@ _LISTED = 5  # families whose held-out error is worked out for the ranking
 
 @dataclass(frozen=True)
 class Step:
-    """The base (added: None) or an added effect, with the held-out errors of the model then."""
+    """A model on the way to the verdict, with its held-out errors.
+
+    Attributes
+    ----------
+    added
+        The effect that this model has and the one before has not; None for the base model.
+    model
+        The fitted model.
+    errors
+        Its held-out errors.
+    """
 
     added: str | None
     model: Fit
@@ -53,17 +63,17 @@ class HeldOut:
     steps
         The base, and the model after each name that helps a channel.
     named
-        These names.
+        Names of the effects that were added.
     best
-        The model with laws of the library for them; the most probable model if there are none.
+        The model with laws of the library for these names; the most probable model if there are none.
     useless
-        Names that help no channel, a set for each round, the last first.
+        Names that help no channel: a set for each round, the last round first.
     blind
-        Laws named by evidence alone, since a left-out run could only be extrapolated to.
+        Laws named by evidence alone, since predictions of a left-out run could only extrapolate.
     worse
-        Channels whose error rises with what is named.
+        Channels whose error rises with the named effects.
     forces
-        Those of these channels that are pull or torque, which do not decide.
+        The channels among `worse` that are pull or torque, which do not decide.
     rivals_help
         Whether an error falls with one of the rivals; true if there are none.
     besides
@@ -83,7 +93,7 @@ class HeldOut:
 
 
 def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
-    """Held-out errors of the base, and of the model after each effect that the probabilities name.
+    """Compute held-out errors of the base model, and after adding each effect that the probabilities name.
 
     A name that helps no channel is removed, and the errors of the others are computed without it.
 
@@ -192,16 +202,17 @@ def _staircase(found: Search, best: Candidate, names: Collection[str]) -> list[C
 
 
 def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
-    """Held-out errors of a model after each step, the same numbers for every command.
+    """Held-out errors of a model after each step; every command that prints them takes them from here.
 
-    Each judged model is fitted to all channels with the weights of a fit, as a command would write it.
+    Each chosen model is fitted to all channels with the weights of an ordinary fit, as a command would
+    write it to a file.
 
     Parameters
     ----------
     problem
         The table and the base model.
     choose
-        Gives the judged models, fitted to a fold's training points.
+        Function that returns the models, fitted to a fold's training points.
     steps
         Number of models.
     """

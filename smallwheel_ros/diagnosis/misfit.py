@@ -53,14 +53,16 @@ _FAR_OFF = 3.0  # standard errors of a part's mean, from which it is reported
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Misfit of a channel's settings, compared with how runs of one setting differ.
+    """Misfit of a channel from setting to setting, compared with how far runs of one setting differ.
 
     Attributes
     ----------
     ratio
-        Root of F: the misfit in deviations of a setting's mean.
+        Root of F: the misfit in standard deviations of a setting's mean.
+    p
+        p value of F.
     misfit
-        Root mean square relative misfit of the settings.
+        Root mean square of the settings' relative misfits, 1.
     at
         The setting that is furthest off, in words.
     """
@@ -119,7 +121,19 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
 
 @dataclass(frozen=True)
 class Plateau:
-    """How close together the largest values of a channel lie. p: chance of values that lie so close."""
+    """Largest values of a channel, and how close together they lie.
+
+    Attributes
+    ----------
+    count
+        How many values lie close together.
+    value
+        Their geometric mean, in the channel's SI unit.
+    span
+        How far the largest is over the smallest, as a share of the smallest.
+    p
+        Probability that chance alone brings values so close together.
+    """
 
     count: int
     value: float
@@ -128,11 +142,11 @@ class Plateau:
 
 
 def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
-    """How close together the largest values of each positive channel lie, as those of a saturated sensor do.
+    """Test whether a channel's largest values lie so close together as those of a saturated sensor do.
 
-    The statistic is the largest of -ln(variance of ln y over the k largest values), k up to half of
-    them, each standardised; its distribution comes from data drawn from the fit with its scatter,
-    rounded to the data's resolution.
+    The statistic is the largest of -ln(variance of ln y over the k largest values), with k up to half of
+    the values, and standardised for each k. Its distribution comes from data that is drawn from the fit with
+    its scatter, and rounded to the resolution of the measurements.
 
     Parameters
     ----------
@@ -185,7 +199,7 @@ class Misfit:
     lack_of_fit, plateaus
         Results of `lack_of_fit` and `plateaus`, by channel.
     scatter
-        Deviation of each variance component of that model.
+        Standard deviation of each variance component of that model.
     mixed
         Components of scatter that show runs of more than one soil (`_mixed`).
     """
@@ -241,11 +255,11 @@ def _mixed(fitter: Fitter, fit: Fit) -> dict[str, float]:
 def where_it_fails(
     points: Points, errors: CvErrors, level: Array, seed: int, *, certain: bool = False
 ) -> list[Entry]:
-    """The worst cut of each channel by each setting, as far as it is more than chance.
+    """Find the regions in which each channel fails most, as far as that is not chance.
 
-    A cut splits the points by one setting; its statistic is the difference of the two sides' mean
-    error, relative to the level, over its standard error; the largest over all cuts. Its distribution
-    comes from reversing the sign of whole runs' errors at random.
+    A cut splits the points at one value of one setting. Its statistic is the difference of the mean error of
+    its two sides, relative to the level, over the standard error of that difference; the largest over all
+    cuts counts. Its distribution comes from reversing the sign of whole runs' errors at random.
 
     Parameters
     ----------
@@ -258,8 +272,8 @@ def where_it_fails(
     seed
         Seed of the random signs.
     certain
-        Whether the model fails somewhere for certain; then the worst cut is given even if few runs
-        cannot confirm it.
+        Whether the model is known to fail somewhere: then the worst cut is returned even if there are
+        too few runs to confirm it.
 
     Returns
     -------
@@ -343,7 +357,7 @@ def _apart(share: Array, above: Mask) -> Array:
 
 
 def setting_of(points: Points, values: Index) -> str:
-    """The setting of some values in words: medians of what was varied.
+    """Describe the setting of some values in words, by the medians of the varied settings.
 
     Parameters
     ----------
@@ -357,10 +371,10 @@ def setting_of(points: Points, values: Index) -> str:
 
 
 def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
-    """Where most of a held-out error comes from, if that is one end of a setting.
+    """Name the end of a setting's range from which most of a held-out error comes, if there is one.
 
-    Considered are ends with few runs that no other run repeats: if one is left out, the others can
-    hardly do more than extrapolate.
+    Only ends with few runs that no other run repeats are considered: once such a run is left out, the
+    others can hardly do more than extrapolate.
 
     Parameters
     ----------

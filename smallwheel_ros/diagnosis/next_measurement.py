@@ -43,7 +43,7 @@ _SAME = 0.1  # of a setting's range: nearer is the same setting
 
 @dataclass(frozen=True)
 class Proposal:
-    """Runs to make.
+    """Runs that are proposed, to separate two explanations.
 
     Attributes
     ----------
@@ -52,7 +52,9 @@ class Proposal:
     separates
         The two names that the runs separate.
     expected_power
-        Probability that they then are separated.
+        Probability that these runs separate them.
+    text
+        The proposal in words.
     """
 
     settings: dict[str, float]
@@ -78,7 +80,14 @@ def _levels(column: Array, name: str, limits: Limits) -> list[float]:
 class Runs:
     """A grid of possible runs.
 
-    settings: to be shown, by name. known: those of which the table has enough runs.
+    Attributes
+    ----------
+    conditions
+        Conditions of each run.
+    settings
+        Settings to show to the user, by name, SI, shape (runs,) each.
+    known
+        Whether the table already has enough of such runs, shape (runs,).
     """
 
     conditions: Conditions
@@ -87,7 +96,7 @@ class Runs:
 
     @classmethod
     def of(cls, points: Points, limits: Limits) -> Runs:
-        """Possible runs: the given levels of each setting, else low, middle and high of what was varied.
+        """Combine the levels that the user gave of each setting, or else its lowest, middle and highest.
 
         Parameters
         ----------
@@ -131,7 +140,7 @@ class Runs:
 def propose(
     fitter: Fitter, runs: Runs, first: Fit, second: Fit, names: tuple[str, str], hint: str = ""
 ) -> Proposal | None:
-    """The setting that distinguishes two models best, measured in six runs.
+    """Find the setting at which six runs distinguish two models best.
 
     Parameters
     ----------
@@ -192,14 +201,14 @@ def _scatter(fitter: Fitter, fit: Fit, level: Array, stiff: Array) -> Array:
 
 
 def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]:
-    """Runs that would decide between the best explanation and the next ones.
+    """Propose runs that would decide between the best explanation and the next best.
 
     Parameters
     ----------
     found
         All models that were fitted.
     verdict
-        What is named, and its rivals.
+        The verdict, with its rivals.
     limits
         Levels that the user can set, SI, by setting.
     """

@@ -20,6 +20,7 @@ from smallwheel_ros.diagnosis.faults import fault_told
 from smallwheel_ros.diagnosis.held_out import Step, held_out
 from smallwheel_ros.diagnosis.misfit import misfit_of
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
+from smallwheel_ros.diagnosis.own_zeros import evened
 from smallwheel_ros.diagnosis.posterior import Posterior, Word, posterior_of
 from smallwheel_ros.diagnosis.search import Search, search
 from smallwheel_ros.diagnosis.text import verdict_sentences
@@ -43,18 +44,18 @@ Progress = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Start:
-    """A table, the model to fit to it, and what may be missing.
+    """What a diagnosis starts from: a table, the model to fit to it, and the effects that may be missing.
 
     Attributes
     ----------
     registry
-        The effects that compete.
+        All effects, of which those not in `without` compete.
     without
-        Ids of those that do not.
+        Ids of effects that do not compete.
     limits
         Levels that the user can set, SI, by setting.
     seed
-        Seed of the simulations, or of permutations and folds.
+        Seed of the simulations in `diagnose`, of permutations and folds in `learn`.
     """
 
     measurements: Measurements
@@ -74,6 +75,8 @@ def start_of(
     seed: int = 0,
 ) -> Start:
     """Prepare a diagnosis from what users give; see `api.diagnose`.
+
+    Of a vehicle's table each sinkage sensor's zero is taken out (`own_zeros`).
 
     Parameters
     ----------
@@ -95,21 +98,24 @@ def start_of(
     if not isinstance(base, Base):
         base = base_of(model_of(base, known), measurements)
     out = ids_of(without, known)
+    measurements = evened(measurements)
     return Start(measurements, base, known, out, limits_of(can, measurements), seed)
 
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Result, shown="views.diagnosis"):
-    """Result of a diagnosis: the verdict, the evidence, and what follows from them.
+    """Result of a diagnosis: the verdict and the evidence.
 
     Attributes
     ----------
     document
         The content of the JSON, computed from all the rest.
     evidence, search, decision, steps
-        What was collected and decided; None, or empty for steps, if the data is insufficient.
+        The evidence, the models searched, the verdict, and the models on the way to it; None, or
+        empty for `steps`, if the data is insufficient.
     following
-        Commands that continue from it, as `diagnosis.text` takes them; None if no command made it.
+        Commands that continue from this result, as `diagnosis.text` takes them; None if it was made in
+        Python.
     """
 
     document: dict[str, Any]
@@ -151,7 +157,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
     @cached_property
     def fit(self) -> FitResult:
-        """The base with everything that the verdict names, fitted to all runs and channels."""
+        """The base model with all effects that the verdict names, fitted to all runs and channels."""
         return self.fitted(-1) if self.steps else self.problem.result()
 
     @cached_property
@@ -187,7 +193,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
         return verdict_sentences(self.document)[0]
 
     def to_dict(self) -> dict[str, Any]:
-        """The document as `smallwheel diagnose --json` writes it."""
+        """The document, as `smallwheel diagnose --json` writes it."""
         return dict(written.plain(self.document))
 
     def rows(self) -> list[dict[str, Any]]:
@@ -213,9 +219,16 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
 @dataclass(frozen=True)
 class Decided:
-    """The conclusion from the measurements alone.
+    """The verdict on a table of measurements, or the reason why there is none.
 
-    reason: why there is none; empty if there is one. evidence and verdict are None if there is none.
+    Attributes
+    ----------
+    problem
+        The table and the base model.
+    reason
+        Why there is no verdict, in words; empty if there is one.
+    evidence, verdict
+        None if there is no verdict.
     """
 
     problem: Problem
@@ -229,7 +242,7 @@ class Decided:
         return () if self.verdict is None else self.verdict.named
 
     def fit(self) -> FitResult:
-        """The base with everything that is named, fitted to all runs and channels."""
+        """The base model with all effects that are named, fitted to all runs and channels."""
         steps = () if self.verdict is None else self.verdict.steps
         return self.problem.result(steps[-1].model if steps else None)
 
@@ -264,7 +277,7 @@ def decided(start: Start, progress: Progress = unheard) -> Decided:
 
 @one_thread
 def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
-    """Find out which effect a model is missing, with everything that is reported about it.
+    """Find out which effect a model is missing, and collect everything that is reported about it.
 
     Parameters
     ----------
@@ -292,9 +305,10 @@ def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
 
 @one_thread
 def chance_of_nothing(start: Start) -> float:
-    """Chance of such data if nothing were missing; the first step of a diagnosis, in a hundredth of its time.
+    """Probability of data as odd as this if no effect were missing.
 
-    Raises FittingError where nothing usable was measured.
+    This is the first step of a diagnosis, and takes a hundredth of its time. Raises FittingError if nothing
+    usable was measured.
     """
     judged = Problem.of(start.measurements, start.base).judged
     model = judged.vector.model(judged.vector.start)

@@ -48,7 +48,7 @@ class Posterior:
     rivals
         Families of which one is missing; for an unknown effect, candidates that this data does not confirm.
     unknown
-        Curves without a name that no law stands for.
+        Curves without a name for which no law of the library accounts.
     closest
         Names that describe the data best, though not well enough.
     probabilities
@@ -119,10 +119,10 @@ def posterior_of(search: Search) -> Posterior:
 
 
 def family_of(search: Search, competitor: Competitor) -> str:
-    """The family that a competitor counts for; of a curve, the effect that it generalises.
+    """The family that a competitor counts for: its own, or the effect that a curve generalises.
 
-    Of several effects it is the one with the fewest drivers: a curve of slip counts for a law of slip
-    rather than for one of slip and lugs.
+    Where a curve generalises several effects, it counts for the one that depends on the fewest settings: a
+    curve of slip counts for a law of slip rather than for one of slip and lugs.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def _without_a_law(
 
 
 def by_library(search: Search, best: Candidate, named: list[str]) -> Candidate:
-    """The best model that has laws of the library for exactly the named effects, over all their forms.
+    """The best model with laws of the library, in any of their forms, for exactly the named effects.
 
     Parameters
     ----------

@@ -55,9 +55,14 @@ _REST = 4.0  # nats: a larger model that is so far behind the best is not extend
 
 @dataclass(frozen=True)
 class ScoreColumn:
-    """Change of the predictions by a competitor at its prior's scale, shape (values, columns).
+    """How a competitor of the strength that its prior expects changes the predictions.
 
-    start: the strengths at which it was computed, where a fit starts.
+    Attributes
+    ----------
+    shift
+        Change of each prediction, in the channel's SI unit, shape (values, columns).
+    start
+        Strengths at which it was computed, from which a fit starts.
     """
 
     competitor: Competitor
@@ -136,7 +141,7 @@ class Screen:
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
 
     def testability(self) -> list[float]:
-        """By how much each column moves the predictions at its prior's scale, in squared deviations."""
+        """Squared change of the predictions by each column, in squared standard deviations, 1."""
         size = np.sum(self._white**2, axis=0)
         return [float(size[place].max()) for place in self._places]
 
@@ -163,9 +168,9 @@ class Screen:
         return np.array(found).reshape(len(self._places), w.shape[1])
 
     def tested(self, seed: int) -> tuple[float, dict[str, float]]:
-        """p of "is anything missing", and of each family against the largest of all, by simulation.
+        """Simulate p values: that nothing is missing, and of each family against the largest of all.
 
-        The statistic is the mass of each family over that of none, its forms and columns averaged.
+        The statistic of a family is its evidence over that of no effect, averaged over its forms and columns.
         """
         if not self.columns:
             return 1.0, {}
@@ -189,14 +194,14 @@ class Screen:
 
 @dataclass(frozen=True)
 class Candidate(Fit):
-    """A fitted model with some competitors. weight: ln of evidence times prior odds."""
+    """A fitted model with some competitors; its weight is ln of evidence times prior odds."""
 
     competitors: tuple[Competitor, ...] = ()
     weight: float = -np.inf
 
     @classmethod
     def of(cls, fit: Fit, competitors: Sequence[Competitor] = ()) -> Candidate:
-        """A fit as a candidate with these competitors.
+        """Make a candidate of a fit and the competitors that it contains.
 
         Parameters
         ----------
@@ -243,7 +248,7 @@ def refit(
     out
         Competitor to remove.
     turns
-        Most alternations of parameters and variance components.
+        Largest number of times that parameters and variance components are fitted in turn.
 
     Returns
     -------
@@ -280,11 +285,11 @@ class Search:
     field
         The competitors, without those that the design cannot show.
     p_drawn
-        Probability of so much evidence for missing effects if none is missing, by simulation.
+        Simulated probability of as much evidence for a missing effect if none is missing.
     p_values
         p value of each family, against the largest statistic of all families.
     screen
-        At the base.
+        Linearised evidence at the base model.
     """
 
     fitter: Fitter
@@ -351,7 +356,7 @@ class Search:
         family
             The family.
         within
-            Largest distance from the best in ln evidence.
+            Largest distance from the best of them in ln evidence, nats.
         """
         found = [m for m in self.ordered if m.families == {family} and len(m.competitors) == 1]
         return [m for m in found if m.weight > found[0].weight - within]
@@ -365,12 +370,12 @@ class Search:
 
     @property
     def p(self) -> float:
-        """Chance of such data if nothing were missing: the smaller of two bounds.
+        """Probability of data as odd as this if nothing were missing: the smaller of two bounds.
 
-        `p_drawn` holds for the scatter that the base model needs, however unusual. Where scatter is as
-        soils and rigs have it (its prior), data with odds of something missing over none, posterior over
-        prior, of B come up with probability 1 / B at most (Markov's inequality for the likelihood
-        ratio: Good 1950). The two differ in how much unusual scatter is believed.
+        `p_drawn` takes the scatter that the base model needs as true, however unusual it is. The other bound
+        takes scatter to be as its prior says, as soils and rigs have it: if data multiplies the odds that
+        something is missing by B, the probability of such data is at most 1 / B (Markov's inequality for the
+        likelihood ratio: Good 1950).
         """
         none = self.probabilities[self.none.key]
         bound = _PRIOR_ODDS * none / max(1.0 - none, 1e-12)
@@ -383,7 +388,7 @@ class Search:
         start: Array | None = None,
         out: Competitor | None = None,
     ) -> Candidate | None:
-        """A model with some competitors changed: the one fitted before if there is one, else a new fit.
+        """Change the competitors of a model; it is fitted only if it has not been fitted before.
 
         Parameters
         ----------
@@ -427,7 +432,7 @@ def search(
     seed
         Seed of the random numbers of the score test.
     most
-        Most effects in a model; with 0 only the p value of the score test is found.
+        Largest number of effects in a model; 0 computes only the p value of the score test.
     """
     columns = [column for c in field.competitors for column in columns_of(fitter, base, c)]
     screen = Screen(fitter, base, columns)

@@ -40,15 +40,15 @@ _NEXT = {
 def verdict_sentences(
     document: Mapping[str, Any], following: Mapping[str, str] | None = None
 ) -> list[str]:
-    """The verdict, the evidence for it, its certainty, and what to do next.
+    """Say the verdict, the evidence for it, how certain it is, and what to do next.
 
     Parameters
     ----------
     document
         The document of the diagnosis.
     following
-        Commands that go on from here: `apply` if what is named is in no model file yet, and `learn`;
-        None without a command.
+        Commands that continue from here: `apply`, if the named effects are in no model file yet, and
+        `learn`. None if the diagnosis was made in Python.
     """
     verdict = document["verdict"]
     if verdict == "unknown_effect" and document["candidates"]:

@@ -62,11 +62,11 @@ class Evidence:
     Attributes
     ----------
     problem
-        The table without bad runs, and the base model, which includes the fault `told`.
+        The table without bad runs, and the base model, which includes the fault in `told`.
     bad
         Runs that are left out.
     first
-        The probabilities with these runs.
+        The probabilities before these runs were left out.
     told
         A fault that pull and torque indicate.
     """
@@ -101,9 +101,9 @@ class Verdict:
     best
         The model that explains the data best, with laws of the library only if they suffice.
     steps
-        The base, and the model after each name.
+        The base model, and the model after each named effect is added.
     reasons
-        Sentences.
+        Sentences that justify the verdict.
     """
 
     word: Word

@@ -20,9 +20,9 @@ class Autosave:
     Attributes
     ----------
     held
-        Why saving is suspended, in words; empty while it is not.
+        Why saving is suspended, in words; empty unless it is.
     problem
-        Why the newest attempt failed; empty if it did not.
+        Why the newest attempt failed, in words; empty unless it did.
     failures
         Number of failed attempts.
     """

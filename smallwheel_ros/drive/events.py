@@ -27,13 +27,15 @@ class Event(NamedTuple):
     Attributes
     ----------
     time
-        Since the beginning of the bag, s.
-    distance
+        Time since the beginning of the bag, s.
+    travel
         Path of the vehicle, m.
+    kind, text
+        Kind of the event, and the event in words.
     place
         x and y of the vehicle in the odometry's frame, m; None if unknown.
     times
-        How often it happened, if one event stands for several; time and distance are then the first one's.
+        How often it happened, if one event stands for several; time and travel are then those of the first.
     """
 
     time: float
@@ -202,12 +204,12 @@ def _place(rows: Readings | Estimates, i: int) -> _Place:
 
 
 def newest_of(before: Estimates, estimates: Estimates) -> Estimates:
-    """The newest row of each wheel.
+    """Find the newest row of each wheel.
 
     Parameters
     ----------
     before
-        Newest rows until now, one for each wheel at most.
+        Newest rows so far, at most one for each wheel.
     estimates
         Rows since then, in the order of their stamps.
     """

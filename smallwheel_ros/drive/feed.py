@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of any topics, many at once, into the streams of a pipeline; used for bags and by the node."""
+"""Feeds messages of all topics, many at once, into the streams of a pipeline; for bags and for the node."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ def feed(
     decoders: Mapping[str, Decoder],
     chunk: Sequence[Message],
 ) -> None:
-    """Give messages to the pipeline's streams, in the order in which they came.
+    """Decode messages, and append their numbers to the pipeline's streams in the order of arrival.
 
     Parameters
     ----------
     pipeline
-        Takes the numbers.
+        Pipeline to whose streams the numbers are appended.
     topics
         Topics by name, with the streams in their messages.
     decoders
         Decoders by type of message.
     chunk
-        Messages: topic, bytes, and time of the clock (ns), 0 without one.
+        Messages, each with its topic, its bytes, and the time of the clock (ns), 0 without a clock.
     """
     by_topic: dict[str, list[int]] = {}
     for i, (name, _, _) in enumerate(chunk):

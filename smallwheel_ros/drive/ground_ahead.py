@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terrain classes and elevation maps published by others, into the cost map."""
+"""Puts terrain classes and elevation maps that others publish into the cost map."""
 
 from __future__ import annotations
 

@@ -37,9 +37,9 @@ def cost_map_of(settings: NodeSettings) -> CostMap:
 
 
 class GroundMapper:
-    """Writes estimates into the map where their wheels were.
+    """Writes estimates into the map at the places where the wheels were.
 
-    A cell has the vehicle's margin, not the single wheel's: a wheel that cannot move by itself is
+    A cell has the vehicle's margin, not that of a single wheel: a wheel that cannot move by itself is
     dragged along by the others. At a border, wheels on the other soil are left out.
     """
 
@@ -62,11 +62,11 @@ class GroundMapper:
         self._places: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((2, 0))
 
     def take(self, found: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
-        """Write estimates into the map, and give the vehicle's rows the margin of their terrain class.
+        """Write estimates into the map, and return the vehicle's rows with the margin of their terrain class.
 
-        A row of the vehicle is changed only if its margin is no better known than any ground's: it then has
-        the margin of the class under the vehicle just before its stamp, learnt from all wheels' rows up to
-        there.
+        A row of the vehicle is changed only if its margin is no better known than that of any ground. It then
+        gets the margin of the class under the vehicle just before its stamp, learnt from all wheels' rows up
+        to that stamp.
 
         Parameters
         ----------
@@ -111,17 +111,17 @@ class GroundMapper:
     def add(self, found: Estimates, frame: str) -> None:
         """Write rows of estimates into the map.
 
-        Every margin counts, with its deviation: before, or without, a measured sinkage it is based on
-        balance and torque, or on the prior. A cell is unknown where the measured sinkage did not fit. A
-        vehicle is stuck if it surely does not move though its rims turn, or if a wheel was measured to be as
-        deep as its axle; a wheel that only the soil's law puts so deep is expected to get stuck.
+        Every margin counts, with its standard deviation: without a measured sinkage, it rests on the balance
+        of forces and the torque, or on the prior. A cell is unknown where the measured sinkage did not fit. A
+        vehicle is stuck if it certainly does not move although its rims turn, or if a wheel was measured to
+        be as deep as its axle; where only the soil's law predicts that depth, it is expected to get stuck.
 
         Parameters
         ----------
         found
             Estimates of wheels, in the order of their stamps.
         frame
-            That of the odometry; empty if unknown.
+            Frame of the odometry; empty if unknown.
         """
         self._keep_places(found)
         stuck = found.spins | self._seen_sunk(found)

@@ -46,17 +46,17 @@ _WITHOUT_DEVIATION = ("probability_drawbar_pull_positive",)
 
 
 def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]:
-    """A column for each field of MobilityEstimate.msg but its header; row i of them is message i.
+    """Make a column for each field of MobilityEstimate.msg except its header; row i of them is message i.
 
-    The header's stamp is the instant's (ns), its frame_id the wheel's frame. An unknown number is 0,
-    and its flag false.
+    The header's stamp is that of the row (ns), its frame_id the wheel's frame. An unknown number is 0, and
+    its flag false.
 
     Parameters
     ----------
     estimates
         Rows of one turn.
     pipeline
-        Pipeline that computed them; it has the names of the wheels, and words about its soil.
+        Pipeline that computed them, for the names of the wheels and the status of its soil.
     """
     names = [wheel.name for wheel in pipeline.settings.wheels]
     found: dict[str, Any] = {
@@ -81,7 +81,7 @@ def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]
 
 
 def status_texts(estimates: Estimates, pipeline: Pipeline) -> list[str]:
-    """All conditions that apply to each row, in words, the most serious first.
+    """Describe all conditions that apply to each row, the most serious first.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def strength_of_prior(settings: OnboardSettings) -> str:
 
 
 def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
-    """All fields of SoilEstimate.msg but its header; the covariance has shape (9,).
+    """Make the fields of SoilEstimate.msg except its header; the covariance has shape (9,).
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ _VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepe
 
 
 def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
-    """A column for each field of VehicleMobility.msg but its header; row i of them is message i.
+    """Make a column for each field of VehicleMobility.msg except its header; row i of them is message i.
 
     An unknown number is 0, and its flag false.
     """
@@ -246,9 +246,9 @@ def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
 
 
 def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
-    """The most that any ground ahead gives, as believed before driving; None without a rolling wheel.
+    """Largest pull over load to expect of any ground before driving; None without a rolling wheel.
 
-    The median margin plus the gain beyond the reference slip, with the standard deviation of its lower
+    It is the median margin plus the gain beyond the reference slip, with the standard deviation of its lower
     half.
     """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):

@@ -26,14 +26,18 @@ class SoilFileError(SmallwheelError):
 
 @dataclass(frozen=True)
 class SoilAndMap:
-    """Files to be saved: the soil's, and those of the cost map, which are written first.
+    """Files to be saved: that of the soil, and those of the cost map, which are written first.
 
     Attributes
     ----------
+    soil
+        Content of the soil's file.
+    beside
+        Contents of the cost map's files, by path.
     digest
         SHA-256 of the map that belongs to the soil.
     words, map_words
-        What soil and map are, for people.
+        Soil and map in words.
     """
 
     soil: bytes
@@ -50,7 +54,10 @@ class SoilFile:
     not used. That map is kept under a name of its own until another soil is saved: a process killed
     between the two files leaves a matching pair.
 
-    problem: why the saved soil is not used, in words; empty if it is, or if there is none.
+    Attributes
+    ----------
+    problem
+        Why the saved soil is not used, in words; empty if it is, or if there is none.
     """
 
     def __init__(self, name: str) -> None:
@@ -110,7 +117,7 @@ class SoilFile:
     # --- Saving
 
     def prepared(self, pipeline: Pipeline, cost_map: CostMap) -> SoilAndMap:
-        """Return what would be saved now.
+        """Make the contents of the files that would be saved now.
 
         Parameters
         ----------
@@ -122,7 +129,7 @@ class SoilFile:
         Raises
         ------
         SoilFileError
-            Where there is no file to write to, or the soil was not measured yet.
+            If there is no file to write to, or the soil has not been measured yet.
         """
         if self._path is None:
             raise SoilFileError("parameter soil.file is empty: set the file to save to")

@@ -16,7 +16,10 @@ _WITHOUT = 2.0  # m without a warning, after which nothing holds it back any mor
 class SpeedLimit:
     """The speed limit: 50 % from a first warning until 2 m without any, 20 % while the vehicle gets stuck.
 
-    percent: the limit, in per cent of the speed that the controller would drive; `NO_LIMIT` for none.
+    Attributes
+    ----------
+    percent
+        The limit, in per cent of the controller's speed; `NO_LIMIT` for none.
     """
 
     def __init__(self) -> None:

@@ -34,7 +34,7 @@ WARNINGS: tuple[Kind, ...] = ("may_get_stuck", "gets_stuck")
 
 
 def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
-    """What is reported now.
+    """List everything that node and replay report at present.
 
     Parameters
     ----------

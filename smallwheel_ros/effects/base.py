@@ -77,8 +77,19 @@ class EffectError(SmallwheelError):
 class Parameter:
     """Description of one parameter of an effect.
 
-    neutral: the value at which the effect is absent. An effect vanishes if all its parameters with a
-    neutral value are at it; the others (None) only shape it.
+    Attributes
+    ----------
+    name, description
+        Its name in Python, and what it is, in a few words.
+    start, bounds
+        Value where a fit starts, and the range that it may reach, in `unit`.
+    published
+        Range that the literature gives, in `unit`; None where there is none.
+    unit
+        SI; "1" for none.
+    neutral
+        The value at which the effect is absent; None for a parameter that only shapes it. An effect
+        vanishes if all parameters with a neutral value are at that value.
     """
 
     name: str
@@ -115,7 +126,7 @@ def parameter(
         The range that the literature gives (outside it a fitted value is called implausible), None where
         there is none.
     neutral
-        The value at which the effect is absent, None where the parameter only shapes it.
+        The value at which the effect is absent; None for a parameter that only shapes it.
     """
     known = Parameter("", float(start), bounds, published, unit, description, neutral)
     return field(default=known.start, metadata={"parameter": known})
@@ -335,10 +346,10 @@ Form = TypeVar("Form", bound=type[Effect])
 
 
 def partly_dug(form: Form) -> Form:
-    """A variant of a form in which only a share c of the added sinkage (in ln) adds compaction resistance.
+    """Make a variant of a form in which only a share c of the added sinkage (in ln) compacts soil.
 
-    c is fitted: at 1 all of it does, at 0 none. The new class is placed in the module of the form that it
-    varies.
+    c is fitted: at 1 all of the added sinkage adds compaction resistance, at 0 none of it does. The new class
+    is placed in the module of the form that it varies.
     """
 
     def compaction_sinkage(self: Any, sinkage: Array, conditions: Conditions) -> Array:

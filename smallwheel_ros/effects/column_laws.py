@@ -21,8 +21,11 @@ _POSITIVE = (1e-12, 1e12)
 class ColumnLaw(Effect):
     """A law that depends on the one column in `needs`.
 
-    prefix: of a form that any column NAME of the data can drive, as `PREFIX:NAME`; its summary and next
-    step have a place {} for that name.
+    Attributes
+    ----------
+    prefix
+        Set for a form that any column NAME of the data can drive: its id is then `PREFIX:NAME`, and {} in
+        its summary and next step stands for the name.
     """
 
     prefix: ClassVar[str] = ""

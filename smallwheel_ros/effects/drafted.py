@@ -23,9 +23,11 @@ VERSION = 1  # of drafted files: rises when an older one would mean something el
 
 
 def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high: float) -> Array:
-    """A function of a driver within its measured range, continued by the tangent at the edge beyond it.
+    """Evaluate a function of a driver, which continues as a straight line outside its measured range.
 
-    Nothing was measured there, and a straight line is the simplest assumption.
+    The line is the tangent at the end of the range.
+
+    Nothing was measured outside, and a straight line is the simplest assumption.
 
     Parameters
     ----------
@@ -50,8 +52,12 @@ def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high
 class Drafted(Effect):
     """Base of a drafted law.
 
-    version: the format of its file. valid: by setting, the range of the data that it was learnt from, SI
-    units.
+    Attributes
+    ----------
+    version
+        The format of its file.
+    valid
+        Range of the data that it was learnt from, by setting, SI units.
     """
 
     version: ClassVar[int] = 0

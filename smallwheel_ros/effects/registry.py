@@ -132,7 +132,7 @@ class Registry(Mapping[str, type[Effect]]):
         Raises
         ------
         EffectError
-            Where there is none of that name.
+            If there is none of that name.
         """
         known = {cls.form: cls for cls in self.family(id)}
         if form is not None and form not in known:
@@ -140,7 +140,7 @@ class Registry(Mapping[str, type[Effect]]):
         return next(iter(known.values())) if form is None else known[form]
 
     def effect(self, id: str, form: str | None = None, **values: float) -> Effect:
-        """Make an effect from its id, form and numbers; the rest are at their defaults.
+        """Make an effect from its id, form and numbers; numbers that are not given have their defaults.
 
         Parameters
         ----------
@@ -152,7 +152,7 @@ class Registry(Mapping[str, type[Effect]]):
         Raises
         ------
         EffectError
-            Where one does not exist or a number is outside its domain.
+            If it does not exist, or a number is outside its domain.
         """
         cls = self.form(id, form)
         names = [f.name for f in fields(cls)]
@@ -168,7 +168,7 @@ class Registry(Mapping[str, type[Effect]]):
         return self.with_families(load_effects(path), str(path))
 
     def with_families(self, user: Families, origin: str = "user's effects") -> Registry:
-        """Add families; forms of an id that exists join its family.
+        """Return a registry with more families; forms of an id that exists already join its family.
 
         Parameters
         ----------
@@ -244,7 +244,9 @@ def load_effects(path: str | Path) -> Families:
 
 
 def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
-    """The dataclasses of a user's Python file that derive from a base: name only files that you trust.
+    """Run a user's Python file, and return its dataclasses that derive from a base class.
+
+    Name only files that you trust.
 
     Parameters
     ----------
@@ -382,7 +384,7 @@ def _wrong(form: type[Effect]) -> str:
 def families(user: Families | None = None) -> Families:
     """All families of effects by id, each a tuple of forms, the default one first.
 
-    user: effects from a file (`load_effects`), which join them.
+    Those of a user's file (`load_effects`) join them.
     """
     return default_registry().with_families(user or {}).families
 

@@ -38,7 +38,7 @@ class BySlip(Effect):
         return f"no row has a wheel that skids (slip under -{_FREE_ROLLING})"
 
     def slip(self, conditions: Conditions) -> Array:
-        """Size of the slip of its sign, 0 to 1; 0 in rows of the other."""
+        """Magnitude of the slip, 0 to 1, shape (rows,); 0 in rows where it has the other sign."""
         return np.clip(self.side * conditions["slip"], 0.0, 1.0)
 
 

@@ -52,9 +52,16 @@ _ALONE: set[frozenset[type[Effect]]] = set()
 
 
 class Predictor:
-    """Predicts measured values: each is a channel (an index into channels) at a row of the conditions.
+    """Predicts measured values, each of which is one channel at one row of the conditions.
 
-    The repeated conditions are kept between calls.
+    Parameters
+    ----------
+    conditions
+        Settings, SI units.
+    channels
+        Names of the channels.
+    channel, row
+        For each value, index of its channel and row of its conditions, shape (values,).
     """
 
     def __init__(
@@ -126,7 +133,7 @@ class Predictor:
         return np.asarray(columns[self.channel, :, self.row].T)
 
     def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
-        """Predictions and their slopes by parameter, by forward differences.
+        """Compute predictions, and their derivatives with respect to the parameters by forward differences.
 
         Parameters
         ----------
@@ -174,14 +181,18 @@ class Fit:
 
     Attributes
     ----------
+    vector
+        Names, priors and bounds of the parameters.
     theta, covariance
         Parameters, shape (parameters,), and their posterior covariance.
     predicted
-        Shape (values,), m, N or N m by channel.
+        Predictions, shape (values,), m, N or N m by channel.
     slopes
-        J, shape (values, parameters).
+        J, their derivatives with respect to the parameters, shape (values, parameters).
+    scatter
+        The variance components.
     evidence
-        ln Z.
+        ln Z, nats.
     """
 
     vector: ParameterVector
@@ -214,7 +225,7 @@ class Fit:
 
     @property
     def taken_up(self) -> Array:
-        """U with U U' = J P^-1 J': the part of errors that parameters can absorb, (values, parameters)."""
+        """U with U U' = J P^-1 J': what parameters can absorb of the errors, shape (values, parameters)."""
         precision = self.vector.precision(self.theta)
         return np.asarray(self.slopes @ np.linalg.cholesky(np.linalg.inv(precision)))
 
@@ -256,7 +267,7 @@ class Fitter:
         Size of each value (L in the module `variance`), shape (values,); the same for all fits, so that their
         evidence can be compared.
     law
-        Predicts the points; the model itself if None.
+        Makes the predictor of the points; by default that of the model itself.
     working
         Whether values are weighted without the errors that many of them share, which would otherwise absorb
         what the parameters can describe (`variance`). The effect of these errors on the parameters is
@@ -381,7 +392,7 @@ class Fitter:
         return found
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
-        """The same points and noise, predicted by another law."""
+        """A fitter of the same points and noise, which predicts them by another law."""
         return replace(self, law=law)
 
     def of_values(self, keep: NDArray[np.bool_]) -> Fitter:
@@ -398,7 +409,7 @@ class Fitter:
         fit
             The fit.
         spread
-            U, what parameters can take up of the errors, shape (values, columns).
+            U, the part of the errors that parameters can absorb, shape (values, columns).
         """
         return self.variance.covariance(fit.scatter, fit.stiffness, spread)
 
@@ -406,7 +417,7 @@ class Fitter:
     def at(
         self, vector: ParameterVector, theta: Array | None = None, scatter: Scatter | None = None
     ) -> Fit:
-        """A model at given parameters, to be fitted from there.
+        """Evaluate a model at given parameters, from which a fit can start.
 
         Parameters
         ----------
@@ -441,7 +452,8 @@ class Fitter:
         start
             Where to start.
         turns
-            Most alternations of theta and variance components; 0 fits theta alone.
+            Largest number of times that theta and the variance components are fitted in turn; 0 fits theta
+            alone.
         """
         now, last = replace(start, scatter=self.variance.suited(start.scatter)), -np.inf
         for _ in range(max(turns, 1)):

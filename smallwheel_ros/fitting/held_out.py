@@ -31,8 +31,16 @@ _FEWEST_RUNS = 3  # from which runs' differences have a deviation
 class Score:
     """Error of predictions against measurements, in the channel's SI unit.
 
-    bias: mean of measured less predicted, so a positive one says that the model predicts too
-    little. rmse_std: standard error of the rmse, from the spread over runs; None with under 3 runs.
+    Attributes
+    ----------
+    rows, runs
+        How many were predicted.
+    rmse
+        Root mean square error.
+    bias
+        Mean of measured minus predicted: positive if the model predicts too little.
+    rmse_std
+        Standard error of the rmse, from the spread over runs; None with fewer than 3 runs.
     """
 
     rows: int
@@ -44,9 +52,14 @@ class Score:
 
 @dataclass(frozen=True)
 class CvErrors:
-    """Held-out errors, measured minus predicted, by channel, shape (rows,); NaN where a row has none.
+    """Held-out errors of a table's rows.
 
-    run: number of each row's run, shape (rows,).
+    Attributes
+    ----------
+    error
+        Measured minus predicted, by channel, m, N or N m, shape (rows,); NaN where a row has none.
+    run
+        Number of each row's run, shape (rows,).
     """
 
     error: Mapping[str, Array]
@@ -83,7 +96,7 @@ class CvErrors:
         return {name: found for name in self.error if (found := self.score(name)) is not None}
 
     def without(self, rows: Index) -> CvErrors:
-        """The errors with those of these rows removed."""
+        """Return the errors without those of the given rows."""
         error = {name: known.copy() for name, known in self.error.items()}
         for known in error.values():
             known[rows] = np.nan
@@ -122,10 +135,15 @@ class CvErrors:
 
 @dataclass(frozen=True)
 class ErrorComparison:
-    """Two models' held-out errors, by channel.
+    """How much smaller the held-out errors of a second model are, by channel.
 
-    reduction: relative reduction of the rmse. z_score: difference of the runs' mean squares over its standard
-    error; positive if the second model is better.
+    Attributes
+    ----------
+    reduction
+        Relative reduction of the rmse; negative if the second model is worse.
+    z_score
+        Difference of the runs' mean squared errors over its standard error; positive if the second model is
+        better.
     """
 
     reduction: Mapping[str, float]
@@ -149,17 +167,12 @@ class ErrorComparison:
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> ErrorComparison:
-    """How much better the second model predicts, by channel, on the rows that both predict.
+    """Compare two models' held-out errors, by channel, on the rows that both predict.
 
     Parameters
     ----------
     before, after
-        Held-out errors.
-
-    Returns
-    -------
-    ErrorComparison
-        Relative reduction of the RMSE, and its z score from differences by run.
+        Held-out errors of the first and of the second model.
     """
     reduction, z_score = {}, {}
     for name in (n for n in before.error if n in after.error):
@@ -199,9 +212,12 @@ def sizes_of(points: Points) -> dict[str, Array]:
 
 
 def leave_out(group: Index) -> Iterator[Mask]:
-    """Masks of the groups, one after the other, for those that leave something else.
+    """Yield the mask of each group in turn, except of one that has all members.
 
-    group: code of each member, shape (members,).
+    Parameters
+    ----------
+    group
+        Code of each member's group, shape (members,).
     """
     for number in range(int(group.max()) + 1):
         out = group == number
@@ -222,7 +238,7 @@ def rows_of(points: Points) -> dict[str, Index]:
 def row_errors(
     measurements: Measurements, model: Model, rows: Mapping[str, Index]
 ) -> dict[str, Array]:
-    """Measured less predicted, by channel.
+    """Compute measured minus predicted values, by channel.
 
     Parameters
     ----------
@@ -250,7 +266,7 @@ def row_errors(
 
 
 def in_sample(points: Points, model: Model) -> CvErrors:
-    """Errors of a model as it stands.
+    """Compute the errors of a model as it stands, without leaving anything out.
 
     Parameters
     ----------
@@ -278,7 +294,8 @@ def cross_validate(
     points
         All points.
     chooser
-        Gives up to `steps` models, simplest first; if it gives fewer, its last one is used for the rest.
+        Function that returns up to `steps` models, simplest first; if it returns fewer, the last one stands
+        for the rest.
     steps
         Number of models.
     fold

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a model file keeps of the data: ranges, scatter of runs, and how accurate pull is."""
+"""Collects what a model file keeps of the data: ranges, scatter of runs, and how accurate pull is."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LEAST_OFF = 0.01  # of a setting's range: nearer to a line it was not set
 
 
 def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
-    """What a prediction needs of the data: ranges, wheels, scatter, and errors of the laws.
+    """Collect what a prediction needs of the data: ranges, wheels, scatter, and errors of the laws.
 
     Parameters
     ----------

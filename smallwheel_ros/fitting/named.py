@@ -31,7 +31,7 @@ class FittedParameter:
     owner
         The soil or effect.
     std
-        None if the parameter is held, or at its bound.
+        Standard deviation, in `unit`; None if the parameter is fixed, or at its bound.
     remedy
         The measurement that would determine it; empty if it is determined.
     """
@@ -67,7 +67,7 @@ class FittedParameter:
         return f"<{self.full_name}: {self}>"
 
     def row(self, of: str) -> dict[str, Any]:
-        """The parameter as a row of a table. of: what the parameter belongs to."""
+        """The parameter as a row of a table, in which it belongs to `of`."""
         known = {n: getattr(self, n) for n in ("value", "std", "unit", "status")}
         return {"of": of, "parameter": self.name, **known}
 
@@ -82,7 +82,7 @@ def derived_parameters(
     names: Sequence[str],
     covariance: Array,
 ) -> tuple[FittedParameter, ...]:
-    """Numbers that follow from the parameters; each is determined only if all of those are.
+    """Compute numbers that follow from the parameters; each is determined only if all of these are.
 
     Parameters
     ----------

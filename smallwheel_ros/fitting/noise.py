@@ -59,9 +59,14 @@ def _columns(conditions: Conditions) -> Array:
 
 @dataclass(frozen=True)
 class NoiseLine:
-    """A fitted regression.
+    """A fitted log-log regression.
 
-    own: intercept of each soil, ln of the value. used: columns of the settings; slopes: one for each column.
+    Attributes
+    ----------
+    soils, own
+        Names of the soils, and the intercept of each, ln of the value.
+    used, slopes
+        Columns of the settings that were varied, and the slope of each.
     """
 
     soils: tuple[str, ...]
@@ -100,7 +105,7 @@ class NoiseLine:
     def power_of_load(
         self, value: Array, row: Index, conditions: Conditions
     ) -> tuple[float, float]:
-        """The power of the load to which the values are proportional.
+        """Find the power of the load to which the values are proportional.
 
         Parameters
         ----------
@@ -162,13 +167,14 @@ def wheel_discrepancy(conditions: Conditions) -> Array:
 
 
 def levels_of(points: Points) -> Array:
-    """The size of each value: a line through the table, which no model and no effect moves.
+    """Size of each value, to which its error is relative, in the unit of its channel, shape (values,).
 
-    By channel, within what was measured (`line`); of pull the load, of torque the load times the radius.
+    It is the value of a regression through the table (`NoiseLine`), within the measured range; for pull it is
+    the load, for torque the load times the radius. No model and no effect changes it.
 
-    Not the value itself: relative errors by what was measured pull every fit below it, the more the more
-    values share an error (Peelle's puzzle; Fruehwirth et al. 2012, EPJ Web of Conferences 27, 00008). And
-    not a model's prediction: models are compared by evidence under one and the same variance.
+    The measured value itself would not do: with errors relative to it, every fit comes out too low, the more
+    so the more values share an error (Peelle's puzzle; Fruehwirth et al. 2012, EPJ Web of Conferences 27,
+    00008). Nor would a model's prediction: models are compared by evidence under one and the same variance.
     """
     level = np.maximum(np.abs(points.value), 1e-12)
     for name in points.channels:
@@ -189,9 +195,18 @@ def levels_of(points: Points) -> Array:
 
 @dataclass(frozen=True)
 class RowNoise:
-    """Repeatability of one row.
+    """Repeatability of one row, as a standard deviation.
 
-    absolute: constant part, m or N. relative: part relative to the level. freedom: degrees of freedom.
+    Attributes
+    ----------
+    absolute
+        Constant part, m or N.
+    relative
+        Part relative to the level, 1.
+    source
+        What it is known from: repeats, deviations that the table declares, or residuals.
+    freedom
+        Degrees of freedom.
     """
 
     absolute: float
@@ -206,10 +221,17 @@ class RowNoise:
 
 @dataclass(frozen=True)
 class Repeats:
-    """Repeatability by channel, and what it makes of each value, shape (values,).
+    """Repeatability by channel, and of each value.
 
-    variance: that of the mean of a value's rows. stated: declared deviation of that mean, 0 where repeats or
-    nothing stands for it.
+    Attributes
+    ----------
+    channels
+        Repeatability of a row, by channel.
+    variance
+        Variance of each value, which is the mean of its rows, shape (values,).
+    stated
+        Standard deviation of that mean as the table declares it, shape (values,); 0 where repeats are used
+        instead, or nothing is known.
     """
 
     channels: Mapping[str, RowNoise]
@@ -292,11 +314,11 @@ def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
 
 
 def furthest_off(groups: list[Array]) -> list[tuple[int, int]]:
-    """Group and place of each value that lies grossly off the others of its group, a few at most.
+    """Group and index of each value that is grossly wrong among the others of its group; only a few.
 
-    Deviations from the group's median over what a value of its size deviates by, absolute^2 +
-    (relative * size)^2 as of `RowNoise`: values near zero (a pull) have a deviation of their own. Only the
-    worst of a group, since it pulls the others.
+    A value's distance from the group's median counts in standard deviations of a value of that size, by
+    absolute^2 + (relative * size)^2 as in `RowNoise`, so that values near zero (a pull) are judged alike.
+    Only the worst value of a group is listed, since it shifts the median of the others.
     """
     middles = np.array([np.median(values) for values in groups])
     off = [np.abs(values - middle) for values, middle in zip(groups, middles, strict=True)]
@@ -323,10 +345,11 @@ def _usual_deviation(off: list[Array], size: Array) -> Array:
 
 
 def outlier_limit(count: int) -> float:
-    """Robust deviations from which one of so many values is an outlier.
+    """Number of robust deviations from which one of `count` values is an outlier.
 
-    `OUTLIER`, and more where so few values know their deviation that chance alone would exceed it in one
-    table of `1 / CLEAN`: a median knows about half as much as a sum of squares.
+    This is `OUTLIER`, or more where there are so few values to estimate the deviation from that chance alone
+    would exceed it in more than one of `1 / CLEAN` tables: a median is about half as efficient as a sum of
+    squares.
     """
     return max(OUTLIER, -float(stdtrit(max(0.5 * count, 1.0), 0.5 * CLEAN / max(count, 1))))
 
@@ -354,10 +377,11 @@ def _curves(points: Points) -> Iterator[tuple[Index, Array]]:
 
 
 def spikes(curve: tuple[Index, Array]) -> Index:
-    """Rows that jump off the rows around them, by `OUTLIER` times what is usual along that curve.
+    """Rows that differ from their neighbours along a curve by more than `OUTLIER` times what is usual there.
 
-    Off the running median. Usual is the largest of what rows are off it, of the steps around a row, and of a
-    hundredth of what the curve spans. Where more than `_MOST_SPIKES` of the rows are off they are no spikes.
+    The difference is that from the running median. Usual is the largest of three numbers: how far rows are
+    off the median, the steps around a row, and a hundredth of the range of the curve. Where more than
+    `_MOST_SPIKES` of the rows differ so much, they are not spikes, and none is returned.
     """
     rows, values = curve
     if rows.size < 4 * _AROUND:

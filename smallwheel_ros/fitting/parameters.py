@@ -35,9 +35,16 @@ _STEP = 1e-4  # of the prior's deviation: finite differences
 
 @dataclass(frozen=True)
 class Prior:
-    """Prior distribution of one parameter.
+    """Prior distribution of one parameter, in its unit.
 
-    freedom: degrees of freedom of Student's t, truncated at the bounds; a Gaussian if infinite.
+    Attributes
+    ----------
+    centre, deviation
+        Centre, and standard deviation (for Student's t: scale).
+    low, high
+        Bounds, at which it is truncated.
+    freedom
+        Degrees of freedom of Student's t; a Gaussian if infinite.
     """
 
     centre: float
@@ -65,14 +72,14 @@ class Prior:
         return float(tail) - self._log_norm
 
     def precision(self, value: float) -> float:
-        """Precision of the Gaussian that touches the prior at a value (for Student's t: its majoriser)."""
+        """Precision of the Gaussian that touches the prior at a value and lies below it elsewhere."""
         u = (value - self.centre) / self.deviation
         weight = 1.0 if np.isinf(self.freedom) else (self.freedom + 1) / (self.freedom + u * u)
         return weight / self.deviation**2
 
 
 def instrument_prior(p: Parameter, size: float) -> Prior:
-    """Prior of a parameter of an instrument with an error.
+    """Prior of a parameter of an instrument's fault.
 
     Parameters
     ----------
@@ -155,7 +162,7 @@ class ParameterPrior:
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """One free parameter. owner: name of the soil or id of the effect."""
+    """One free parameter; `owner` is the name of the soil or the id of the effect that has it."""
 
     owner: str
     field: str
@@ -195,14 +202,15 @@ class EffectPart:
 def part_of(
     effect: Effect, priors: Mapping[str, Prior] | None = None, replaces: str = ""
 ) -> EffectPart:
-    """An effect with its parameters free, starting at their present values.
+    """Make an effect of a fit, whose parameters are free and start at their present values.
 
     Parameters
     ----------
     effect
         The effect.
     priors
-        By parameter; a parameter without one has its bounds, and a deviation as wide as they are.
+        Priors by parameter. A parameter without one is held within its bounds only: its prior's deviation is
+        as wide as they are apart.
     replaces
         Id of the effect that the part replaces; empty if none.
     """
@@ -215,14 +223,14 @@ def part_of(
 
 
 def with_values(effect: Effect, numbers: Mapping[str, Any]) -> Effect:
-    """An effect with other numbers.
+    """Return an effect with other numbers.
 
     Parameters
     ----------
     effect
         The effect.
     numbers
-        By name, SI; arrays (one value a row) are not checked against the bounds.
+        Numbers by name, SI; arrays (one value for each row) are not checked against the bounds.
     """
     if all(np.ndim(v) == 0 for v in numbers.values()):
         return replace(effect, **{name: float(v) for name, v in numbers.items()})
@@ -245,8 +253,8 @@ class ParameterVector:
         Free parameters of the soils; `base_size` is their number.
     soil_precision
         Precision of their Gaussian prior, shape (base_size, base_size).
-    start, lower, upper
-        Starting value and bounds of all parameters, shape (parameters,).
+    start, bounds
+        Starting values of all parameters, and their lower and upper bounds, shape (parameters,) each.
     centre, scale
         Means and deviations of the priors, shape (parameters,).
     """
@@ -297,7 +305,7 @@ class ParameterVector:
         return np.array(mine, dtype=np.intp)
 
     def begun_at(self, other: ParameterVector, theta: Array) -> Array:
-        """Starting values, with those of parameters of the same name taken from another vector.
+        """Return the starting values, but those of another vector for parameters of the same name.
 
         Parameters
         ----------

@@ -55,9 +55,10 @@ class Points:
     value
         Mean of the rows, SI.
     row
-        Index of the point.
+        Index of the value's point, a row of `conditions`.
     channel, run, setting
-        Codes; values of one setting were measured under the same conditions.
+        Indices of channel and run, and code of the setting; values with one code were measured under the
+        same conditions.
     swept
         Whether the value is part of a run in which a setting was changed.
     rows
@@ -151,7 +152,7 @@ class Points:
 
 
 def points_of(measurements: Measurements, outliers: Index | None = None) -> Points:
-    """Reduce measurements to points: means over groups of like rows.
+    """Reduce measurements to points: means over rows of one run and setting.
 
     Parameters
     ----------

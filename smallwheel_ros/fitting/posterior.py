@@ -53,11 +53,11 @@ def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -
 def over_scatter(
     fitter: Fitter, fit: Fit, scatter: Scatter, of: Callable[[Scatter], Array]
 ) -> Array:
-    """Mean of a function of the scatter over the uncertainty of the scatter's deviations phi.
+    """Average a function of the scatter over the uncertainty of its deviations phi.
 
-    ln phi ~ N(estimate, S), by second differences at the columns of sqrt(3) times a root of S (the
-    unscented rule of Julier and Uhlmann 1997, kappa = 3 - q, exact to the third order). A component
-    that does not matter changes nothing.
+    ln phi ~ N(estimate, S). The mean is taken by second differences at the columns of sqrt(3) times a root of
+    S (the unscented rule of Julier and Uhlmann 1997, kappa = 3 - q, exact to the third order). A component
+    on which the function does not depend changes nothing.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def over_scatter(
 def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
     """Covariance of theta, including the uncertainty of the variance components.
 
-    With few runs the scatter is hardly known, which widens the deviations.
+    With few runs the scatter is poorly known, which makes the standard deviations larger.
 
     Parameters
     ----------
@@ -120,9 +120,10 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
 
 
 def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
-    """Whether pull and torque determine n at least as well as sinkage and resistance, which leave it open.
+    """Whether n, which sinkage and resistance leave open, would be determined by pull and torque.
 
-    This happens under a single load: n then follows from the shape of pull over slip.
+    This happens under a single load: n then follows from the shape of pull over slip, which the error of
+    that law can bend.
 
     Parameters
     ----------

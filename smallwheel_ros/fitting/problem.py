@@ -68,10 +68,10 @@ class Base:
         m of every soil, held (0 is the law of Bernstein and Goriatchkin); None fits it where bodies of
         several diameters met the soil.
     told
-        By id of an effect, the part that replaces it in fits without pull and torque: its prior includes what
-        these two show.
+        For an effect that pull and torque determine, by its id: the same effect for fits without these two,
+        with what they show in its prior.
     notes
-        What the given model has that this one lacks.
+        Sentences on what the given model has and this one lacks.
     """
 
     effects: tuple[Effect, ...] = ()
@@ -167,7 +167,7 @@ def one_diameter(points: Points, soil: str) -> bool:
 
 
 def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
-    """The base for a fit that starts from a model file.
+    """Make the base for a fit that starts from a model file.
 
     Soils and effects are refitted within the file's covariance, unless it has none or was made from
     this data.
@@ -179,8 +179,8 @@ def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = 
     measurements
         The table to fit.
     free
-        Whether to fit effects' numbers for which the file states no deviation; else they stay as
-        they are.
+        Whether effects' numbers are fitted for which the file states no standard deviation; else they stay
+        as they are.
     """
     model = known.model
     return Base(
@@ -270,7 +270,7 @@ def _part(
 
 
 def opening(points: Points, vector: ParameterVector) -> Array:
-    """Starting point of a fit: for each soil the best of a coarse grid in ln p_ref and n.
+    """Find a starting point for a fit: for each soil the best of a coarse grid in ln p_ref and n.
 
     Newton's steps in metres stray from a start that is a decade off.
 
@@ -310,14 +310,14 @@ def opening(points: Points, vector: ParameterVector) -> Array:
 
 
 def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
-    """Fit again from the last fit, until no parameter moves by 0.003 of its deviation.
+    """Repeat a fit until no parameter moves by more than 0.003 of its standard deviation.
 
     Parameters
     ----------
     fit
-        The last fit.
+        The fit to continue from.
     again
-        Fits on from a fit.
+        Function that continues a fit.
     """
     for _ in range(_MOST_FITS):
         last, fit = fit, again(fit)
@@ -370,7 +370,7 @@ class Problem:
         return problem.without(outlier_rows(problem.points))
 
     def without(self, rows: NDArray[np.intp]) -> Problem:
-        """The same problem with more rows left out."""
+        """Return the same problem with more rows left out."""
         if not rows.size:
             return self
         outliers = np.union1d(self.outliers, rows)
@@ -379,14 +379,14 @@ class Problem:
         return replace(self, points=points, outliers=outliers)
 
     def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
-        """The same problem with one more effect in the base.
+        """Return the same problem with one more effect in the base model.
 
         Parameters
         ----------
         part
             The effect, as it is fitted.
         told
-            The effect for fits without pull and torque; see `Base.told`.
+            The same effect for fits without pull and torque; see `Base.told`.
         """
         parts, known = (*self.base.parts, part), {**self.base.told, part.id: told}
         return replace(self, base=replace(self.base, parts=parts, told=known))
@@ -398,7 +398,7 @@ class Problem:
 
     @property
     def fitter(self) -> Fitter:
-        """Fits models to the points, all under the same levels. Raises FittingError for a single value."""
+        """The fitter of the points. Raises FittingError for a single value."""
         return self._fitted[0]
 
     @property
@@ -438,7 +438,7 @@ class Problem:
         return self.folds[key]
 
     def held_out(self, done: Callable[[], object] = lambda: None) -> CvErrors | None:
-        """Held-out errors of the base; None with one run only. done: called after each fold's fit."""
+        """Held-out errors of the base model, None with one run only; `done` runs after each fold's fit."""
         if self.points.run_count < 2:
             return None
 

@@ -33,16 +33,18 @@ _SHOWS_AT = {  # slips, from and to, at which a number shows in pull and torque
 
 
 def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
-    """The measurement that would determine a parameter of the soil, or what limits it if it was made.
+    """Name the measurement that would determine a parameter of the soil.
+
+    If the table has that measurement, say what limits the parameter instead.
 
     Parameters
     ----------
     number
         `n`, `m` or a parameter of the strength.
     points
-        The points.
+        The measured values.
     scatter
-        Variance components of the points.
+        Their variance components.
     """
     if number == "n":
         return _for_n(points, scatter)

@@ -56,7 +56,7 @@ _STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
 
 @dataclass(frozen=True, repr=False)
 class FitResult(WithParameters, Result, shown="views.fit"):
-    """A fitted model. `fit["n"]` or `fit.k` is one parameter with its deviation.
+    """A fitted model. `fit["n"]` or `fit.k` is one parameter with its standard deviation.
 
     Attributes
     ----------
@@ -65,8 +65,8 @@ class FitResult(WithParameters, Result, shown="views.fit"):
     measurements
         The data of the fit.
     names, covariance
-        Names and covariance of the parameters that the data influences, in the numbers that the fit uses
-        (`parameters`), shape (parameters,) and (parameters, parameters).
+        Names and covariance of the parameters that the data influences, shape (parameters,) and
+        (parameters, parameters), as the fit uses them: ln p_ref in place of k.
     noise
         Repeatability of one row, by channel.
     run_scatter
@@ -97,7 +97,7 @@ class FitResult(WithParameters, Result, shown="views.fit"):
 
     @cached_property
     def model(self) -> CalibratedModel:
-        """The model with the covariance of its parameters and where it came from, as of today."""
+        """The model with the covariance of its parameters, and its provenance with today's date."""
         data = self.measurements
         provenance: dict[str, object] = {
             "data": data.source,
@@ -182,7 +182,7 @@ class FitResult(WithParameters, Result, shown="views.fit"):
 
     @property
     def residuals(self) -> Mapping[str, Array]:
-        """Measured less predicted in sample, by channel, shape (rows,), NaN where not measured."""
+        """Measured minus predicted in sample, by channel, shape (rows,), NaN where not measured."""
         return self.errors.error
 
     @property
@@ -202,10 +202,10 @@ class FitResult(WithParameters, Result, shown="views.fit"):
 
 
 def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
-    """Held-out error that the true model would have on a row of a new run.
+    """Compute the held-out error that the true model would have on a row of a new run.
 
-    From repeatability, and from how soil and instruments differ between runs. A channel whose
-    repeatability is not known from repeats or stated deviations is left out: misfit would count as
+    It follows from repeatability, and from how soil and instruments differ between runs. A channel whose
+    repeatability is not known from repeats or stated deviations is left out, since misfit would count as
     noise.
 
     Parameters
@@ -250,7 +250,7 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
     Returns
     -------
     dict
-        Deviation by component.
+        Standard deviation by component.
     """
     far = scatter.log_deviation > fitter.true_variance.log_median + HIDE * SPREAD
     return {n: v for (n, v), is_far in zip(scatter.deviations.items(), far, strict=True) if is_far}
@@ -259,7 +259,10 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
 def runs_differ(scatter: Mapping[str, float]) -> str:
     """Say that runs differ more than those of one soil do, and what to do; empty if they do not.
 
-    scatter: the components that `unusual` returned.
+    Parameters
+    ----------
+    scatter
+        The components that `unusual` returned.
     """
     apart = [f"{percent(size)} in {words(name.removeprefix('own:')) if name != 'tau' else 'firmness'}"
              for name, size in scatter.items() if name == "tau" or name.startswith("own:")]  # fmt: skip
@@ -271,7 +274,7 @@ def runs_differ(scatter: Mapping[str, float]) -> str:
 
 @one_thread
 def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult:
-    """The result of a fit, for people and for model files.
+    """Make the result of a fit, for people and for model files.
 
     Parameters
     ----------
@@ -397,12 +400,12 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
 
 
 def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, bool]:
-    """How far off a model's pull or torque is, and whether that is more than such a law usually is.
+    """Say how far off a model's pull or torque is, and whether that is more than usual for such a law.
 
     Parameters
     ----------
     error
-        Measured less predicted, shape (rows,), N or N m; NaN where not measured.
+        Measured minus predicted, shape (rows,), N or N m; NaN where not measured.
     conditions
         Conditions of the rows.
     channel

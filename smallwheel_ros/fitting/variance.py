@@ -60,7 +60,7 @@ _LENGTHS = np.log([0.1, 0.25, 0.6])  # correlation length along a curve, of its 
 
 
 class Covariance:
-    """A covariance S = L L', shape (values,) * 2. Raises LinAlgError where it is not positive definite."""
+    """A covariance S = L L', shape (values, values). Raises LinAlgError if it is not positive definite."""
 
     def __init__(self, matrix: Array) -> None:
         self.matrix = matrix
@@ -82,9 +82,14 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Scatter:
-    """The components' deviations, as logarithms.
+    """The variance components, as ln of their standard deviations.
 
-    log_length: ln of the correlation length along a curve, as a share of the curve.
+    Attributes
+    ----------
+    names, log_deviation
+        Names of the components, and ln of their standard deviations, shape (components,).
+    log_length
+        ln of the correlation length along a curve, as a share of the curve.
     """
 
     names: tuple[str, ...]
@@ -106,17 +111,28 @@ class Scatter:
 class VarianceModel:
     """The variance components of one set of points.
 
-    Attributes
+    Parameters
     ----------
+    points
+        The points.
     level
         Size of each value, L, shape (values,).
     pure
         Variance of each value due to the repeatability of its rows, shape (values,).
+    stated
+        Standard deviation of each value as the table declares it, shape (values,); 0 where it does not.
     working
         See `Fitter`.
     law_known
         Whether the errors of the law of pull and torque are the given ones; else two factors on them are
         fitted ("law:" within a wheel, "wheel:" between wheels).
+
+    Attributes
+    ----------
+    level
+        Size of each value, L, shape (values,).
+    working
+        See `Fitter`.
     start
         The components at their priors' medians.
     """
@@ -171,7 +187,7 @@ class VarianceModel:
             self._given += constants.CURVE_SHAPE**2 * sizes * curve * _depth_law(points, level)
 
     def of_law(self, log_deviation: Array) -> Array:
-        """The share of V that is the error of the law of pull and torque, shape (values,) * 2."""
+        """The part of V that is due to the error of the law of pull and torque, shape (values, values)."""
         mine = [i for i, name in enumerate(self.names) if name.startswith(("law:", "wheel:"))]
         return np.asarray(np.tensordot(np.exp(2.0 * log_deviation[mine]), self._unit[mine], 1))
 
@@ -226,7 +242,7 @@ class VarianceModel:
     def covariance(
         self, scatter: Scatter, stiffness: Array, spread: Array | None = None
     ) -> Covariance:
-        """V of a scatter; see `total`.
+        """Compute V of a scatter; see `total`.
 
         Parameters
         ----------
@@ -266,7 +282,7 @@ class VarianceModel:
         start
             Where to start.
         held
-            Names of components that stay as they are at the start.
+            Names of components that are not fitted but stay as in `start`.
         """
         tried, lengths = [], _LENGTHS if self.swept and not self.working else _LENGTHS[1:2]
         if "along" in held:

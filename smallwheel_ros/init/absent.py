@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a bag gives no topic of a type: no such topic, no message, no definition, or none of this robot."""
+"""Says why a bag has no usable topic of a type: no topic, no message, no definition, or another robot's."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _TF = "tf2_msgs/msg/TFMessage"
 
 
 def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
-    """The reason why a bag gives no topic of a type, in words.
+    """Say why a bag has no usable topic of a type.
 
     Parameters
     ----------

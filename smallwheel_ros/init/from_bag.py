@@ -74,7 +74,7 @@ def rover_of_bag(
     joint_states: str | None = None,
     namespace: str | None = None,
 ) -> Rover:
-    """The rover of a recorded drive.
+    """Find the parameters of a rover in a recorded drive.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def rover_of_bag(
     urdf
         A robot description, in place of the bag's.
     joint_states
-        The topic with the wheels' joints; None to look for it.
+        The topic with the wheels' joints; None: it is looked for.
     namespace
         Namespace of the robot to use, if there are several.
 
@@ -421,8 +421,8 @@ def init(
 ) -> Rover:
     """Write a parameter file for the node and for `smallwheel replay`.
 
-    From a recorded drive: wheels by their topics or joints, the signs of these, the odometry, and sizes and
-    places where the bag has the robot's description, or --urdf is given beside it. What only you can know
+    A recorded drive shows the wheels, by their topics or joints, the signs of the joints, and the odometry;
+    sizes and places come from the robot's description, in the bag or given as --urdf. What only you can know
     is marked FILL_IN.
 
     Parameters
@@ -430,13 +430,13 @@ def init(
     source
         A recorded drive, or a robot description.
     urdf
-        A robot description: sizes, places and joints; alone, or beside a BAG.
+        A robot description, for sizes, places and joints; alone, or beside a BAG.
     wheels
-        Without either: the number of wheels.
+        Number of wheels, if there is neither a BAG nor a URDF.
     joint_states
-        Of several topics of joint states in a BAG, that of the wheels.
+        Topic of the wheels' joint states, if a BAG has several.
     namespace
-        Of several robots in a BAG, the one whose topics begin so.
+        Namespace of the robot's topics, if a BAG has several robots.
     """
     bag = None if source is None else Path(source)
     description = None if urdf is None else Path(urdf)

@@ -20,19 +20,19 @@ _SHOWN = 6  # joints of a topic that are named
 
 
 def of_robot(namespace: str, topics: Sequence[str]) -> list[str]:
-    """Topics of one of several robots.
+    """Select the topics of one of several robots.
 
     Parameters
     ----------
     namespace
-        The robot's, with or without slashes.
+        Namespace of the robot, with or without slashes.
     topics
-        All of the bag.
+        All topics of the bag.
 
     Raises
     ------
     InitError
-        Where it has none.
+        If no topic is in that namespace.
     """
     begin = f"/{namespace.strip('/')}/"
     found = [topic for topic in topics if topic.startswith(begin)]

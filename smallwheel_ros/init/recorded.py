@@ -49,7 +49,7 @@ class JointSpeeds(NamedTuple):
     speeds
         rad/s, (instants, joints), NaN if unknown.
     by_positions
-        Joints whose speed is the difference of their positions.
+        Joints whose speeds are differences of their positions.
     wrong
         By joint, how its velocities contradict its positions.
     """
@@ -70,7 +70,12 @@ class JointSpeeds(NamedTuple):
 class Speed(NamedTuple):
     """A vehicle's speed ahead by an odometry.
 
-    times: s. values: m/s. by_pose: whether it comes from poses, as the twist is always 0.
+    Attributes
+    ----------
+    times, values
+        s and m/s, shape (instants,).
+    by_pose
+        Whether the speed is computed from poses, since every twist is 0.
     """
 
     times: Array
@@ -79,7 +84,7 @@ class Speed(NamedTuple):
 
 
 def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
-    """Speeds (rad/s) of all joints of a topic of JointState, from positions where velocities are unusable.
+    """Read the speeds (rad/s) of all joints of a JointState topic, by positions if velocities are unusable.
 
     Parameters
     ----------
@@ -124,7 +129,7 @@ def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
 
 
 def speed_of(reader: BagReader, topic: str) -> Speed:
-    """Speed by a topic of Odometry: its twist, or, where that is 0 throughout, differences of its places.
+    """Read the speed from a topic of Odometry: by its twist or, if every twist is 0, by its positions.
 
     Parameters
     ----------
@@ -181,7 +186,9 @@ def _together(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> tuple[Arr
 
 
 def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, int]:
-    """By joint, 1 if it turns forward as the vehicle drives forward, -1 if backward; without unclear ones.
+    """Find by joint whether it turns forward (1) or backward (-1) as the vehicle drives forward.
+
+    Joints for which that is unclear are left out.
 
     Parameters
     ----------
@@ -203,7 +210,7 @@ def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, 
 
 
 def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float | None:
-    """Share of an odometry's speed that no mixture of the rims explains; None for too short a drive.
+    """Compute the share of an odometry's speed that no mixture of the rims explains; None for a short drive.
 
     Parameters
     ----------
@@ -222,7 +229,7 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
 
 
 def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float]) -> float:
-    """Ratio of the distance that the rims travelled to the vehicle's; NaN if either is unknown.
+    """Compute the distance that the rims travelled over that of the vehicle; NaN if either is unknown.
 
     Parameters
     ----------
@@ -240,7 +247,7 @@ def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float])
 
 
 def unit_by_way(times: float, radius: float) -> str:
-    """Unit of the joints' speeds as the distances of rims and vehicle show it; empty if it is rad/s.
+    """Find the unit of the joints' speeds by the distances of rims and vehicle; empty if it is rad/s.
 
     A ratio of 4 would mean a slip of 0.75, which no drive has from end to end.
 
@@ -264,7 +271,7 @@ def is_of_wheels(share: float | None) -> bool:
 
 
 def upright(reader: BagReader, topic: str) -> tuple[int, str]:
-    """Direction of an imu's z axis: 1 up, -1 down, 0 where it is unclear, with the reason.
+    """Find the direction of an imu's z axis: 1 up, -1 down, 0 if unclear; and the reason, in words.
 
     Parameters
     ----------

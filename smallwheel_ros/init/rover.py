@@ -31,12 +31,12 @@ class InitError(SmallwheelError):
 
 @dataclass(frozen=True)
 class Rover:
-    """A rover's parameters as far as they are known.
+    """A rover's parameters, as far as they are known.
 
     Attributes
     ----------
     origin
-        What the parameters come from, in words.
+        Source of the parameters, in words.
     values
         Parameters by full name, the wheels' names first.
     notes
@@ -44,11 +44,11 @@ class Rover:
     described
         Whether a robot description was found.
     offers
-        By full name of a parameter that only people can decide on, the candidates found.
+        Candidates for parameters that a user has to choose, by the parameter's full name.
     ranged
         Wheels whose sinkage a range sensor measures.
     of_bag
-        Whether its origin is a bag that can be replayed.
+        Whether the parameters come from a bag, which can be replayed.
     """
 
     origin: str

@@ -16,7 +16,7 @@ _LOOKED_AT = 20  # messages of a topic: joint states come in parts
 
 
 def joints_of(reader: BagReader, topics: list[str]) -> dict[str, list[str]]:
-    """By topic of joint states, the names of its joints, in the order in which they come.
+    """List the joints of each topic of joint states, by the topic, in their order of appearance.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def steering_values(
     joints: Mapping[str, list[str]],
     main: str | None,
 ) -> tuple[dict[str, Value], list[str]]:
-    """Parameters of the joints that steer, where these differ from `values`, and notes for the user.
+    """Find parameters of steering joints that differ from those in `values`; also returns notes for the user.
 
     Parameters
     ----------

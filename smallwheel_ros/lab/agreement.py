@@ -30,7 +30,16 @@ _WORDS = {"plate": "plates", "pressed": "pressed wheels", "rolling": "rolling wh
 class Belief:
     """The pressure-sinkage law of a soil as one kind of test, or a model, determines it.
 
-    diameters, depths: of the bodies used, and reached, m; empty for a model.
+    Attributes
+    ----------
+    of
+        What determines it, in words.
+    known
+        The law's parameters and their covariance.
+    diameters
+        Diameters of the bodies that were used, m; empty for a model.
+    depths
+        Smallest and largest depth that they reached, m; empty for a model.
     """
 
     of: str
@@ -64,8 +73,8 @@ class Agreement:
     low, high
         95 % interval of the ratio.
     depth, diameter
-        Where they are compared, m.
-    modulus
+        Depth and diameter for which they are compared, m.
+    pressures
         k D^m z^n of both, Pa.
     """
 
@@ -150,7 +159,7 @@ def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
     soil
         Its name.
     first, second
-        Results of two kinds of tests.
+        The laws by two kinds of tests.
     """
     diameter = float(np.exp(np.mean(np.log(second.diameters))))
     if first.depths.size:
@@ -174,7 +183,7 @@ def agreements(measurements: Measurements, base: Base) -> tuple[Agreement, ...]:
     measurements
         The table.
     base
-        The model that was fitted, with priors where it starts from a known one.
+        The model that was fitted, with priors if it started from a known one.
     """
     contact = measurements.conditions.contact
     found: list[Agreement] = []

@@ -46,7 +46,7 @@ _NO_MODEL = (
 
 @dataclass(frozen=True, repr=False)
 class LabFit(WithParameters, Result):
-    """Result of a lab's tests. `fit["cohesion"]` or `fit.kc` is one parameter with its deviation.
+    """Result of a lab's tests. `fit["cohesion"]` or `fit.kc` is one parameter with its standard deviation.
 
     Attributes
     ----------
@@ -171,8 +171,8 @@ def fit_lab(
     base
         The model to fit; the plain one if not given.
     known
-        A model to start from instead, whose soils are refitted within their covariance and whose strength
-        stays where no shear test says otherwise.
+        A model to start from instead: its soils are refitted within their covariance, and its strength stays
+        unless shear tests replace it.
     progress
         Called with each step in words.
 

@@ -51,13 +51,14 @@ class FittedLaw:
     Attributes
     ----------
     constants
-        As published, units with n and m as letters.
+        The constants in which the law was published; n and m in their units stay letters.
     covariance
         Covariance of the constants, shape (constants, constants).
     held_out
-        Relative error (rms) of the sinkage of a size left out of the fit; None with two sizes.
+        Relative error (rms) of the predicted sinkage of plates whose size was left out of the fit; None with
+        two sizes.
     by_size, by_depth
-        The same by diameter (m), and in each range of `PlateLaws.depths`.
+        The same error by diameter (m), and in each range of `PlateLaws.depths`.
     """
 
     law: PlateLaw
@@ -70,7 +71,7 @@ class FittedLaw:
 
 @dataclass(frozen=True)
 class DepthRange:
-    """Sinkages from `low` to `high`, m. expected: relative error that the right law would have there."""
+    """Sinkages from `low` to `high` (m), and the relative error that the right law would have there."""
 
     low: float
     high: float
@@ -79,7 +80,17 @@ class DepthRange:
 
 @dataclass(frozen=True)
 class PlateLaws:
-    """The laws of size on the plates of one soil. diameters: (equivalent) of the plates, m."""
+    """The laws of size, fitted to the plates of one soil.
+
+    Attributes
+    ----------
+    diameters
+        (Equivalent) diameters of the plates, m.
+    runs
+        Number of runs.
+    depths
+        Ranges of sinkage in which the laws are judged.
+    """
 
     soil: str
     diameters: tuple[float, ...]
@@ -96,7 +107,7 @@ class PlateLaws:
     def better(self, first: FittedLaw, second: FittedLaw) -> bool:
         """Whether the first law predicts left-out sizes better than the second, beyond chance.
 
-        The size, not the run, is the unit.
+        Sizes count as cases, not runs.
 
         Parameters
         ----------
@@ -114,20 +125,20 @@ class PlateLaws:
         law
             One of this table.
         at
-            Number of the range in `depths`.
+            Index of the range in `depths`.
         """
         return law.by_depth[at] <= _HOLDS * self.depths[at].expected
 
 
 def clearly_less(errors: Array, others: Array) -> bool:
-    """Whether errors are less than others of the same cases by more than chance.
+    """Whether errors are smaller than others of the same cases, by more than chance.
 
     A paired one-sided t test of their logarithms.
 
     Parameters
     ----------
     errors, others
-        Errors over 0, in one unit, shape (cases,).
+        Positive errors, both in one unit, shape (cases,).
     """
     gain = np.log(others / errors)
     error = max(float(gain.std(ddof=1)) / np.sqrt(gain.size), 1e-300)
@@ -135,7 +146,7 @@ def clearly_less(errors: Array, others: Array) -> bool:
 
 
 class UnderLaw(Predictor):
-    """Predicts points of sinkage by one law of size, for a `Fitter`. reference: the reference size, m."""
+    """Predicts points of sinkage by one law of size, for a `Fitter`; `reference` is the reference size, m."""
 
     def __init__(self, law: PlateLaw, reference: float, points: Points) -> None:
         super().__init__(points.conditions, points.channels, points.channel, points.row)
@@ -192,7 +203,7 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     Parameters
     ----------
     fitter, fit
-        The model fitted to these plates alone, and its fitter; all laws are given its scatter.
+        The model fitted to these plates alone, and its fitter; its scatter holds for all laws.
     soil
         The soil's name.
 
@@ -243,7 +254,7 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
 
 
 def reference_size(law: PlateLaw, points: Points) -> float:
-    """Size (m) for which p_ref is given: the soils' reference diameter, or else the plates' mean size.
+    """Size (m) for which p_ref holds: the soils' reference diameter, or else the plates' mean size.
 
     Parameters
     ----------
@@ -264,7 +275,7 @@ def _rms(values: Array, group: Index) -> list[float]:
 
 
 def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
-    """ln of predicted over measured sinkage, shape (values,), each group by a fit without its runs.
+    """ln of predicted over measured sinkage, shape (values,), of each group by a fit without its runs.
 
     Parameters
     ----------

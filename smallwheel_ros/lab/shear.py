@@ -47,9 +47,16 @@ _SCATTER = np.array([SOIL_SCATTER, 0.2, SOIL_SCATTER])
 
 
 class ShearForm(NamedTuple):
-    """One law of shear stress over displacement.
+    """A law of shear stress over displacement.
 
-    share: tau / tau_max of (j, ln K [, K_r]). start, low, high: of (ln K / j_max [, K_r]).
+    Attributes
+    ----------
+    id, name, formula, source
+        Its id, and for people its name, formula and source.
+    share
+        Function of displacements j (m) and (ln K [, K_r]) that gives tau / tau_max, 1.
+    start, low, high
+        Starting value and bounds of (ln (K / j_max) [, K_r]), with j_max the largest displacement.
     """
 
     id: str
@@ -86,7 +93,19 @@ PEAK_RESIDUAL = ShearForm(
 
 @dataclass(frozen=True)
 class ShearCurve:
-    """One run, averaged in bins of displacement. width: width of the bins, m; all have shape (bins,)."""
+    """One run, averaged in bins of displacement; arrays of shape (bins,).
+
+    Attributes
+    ----------
+    run
+        Name of the run.
+    normal_stress
+        Pa.
+    displacement, stress
+        Means of the bins, m and Pa.
+    width
+        Widths of the bins, m.
+    """
 
     run: str
     normal_stress: float
@@ -96,15 +115,22 @@ class ShearCurve:
 
     @property
     def travel(self) -> float:
-        """How far it was sheared, m."""
+        """Largest displacement, m."""
         return float(self.displacement[-1])
 
 
 @dataclass(frozen=True)
 class RunFit:
-    """A law fitted to one run. numbers: strength (Pa), ln K, [K_r]; covariance of these.
+    """A law fitted to one run.
 
-    misfit: rms over displacement, of the strength.
+    Attributes
+    ----------
+    curve
+        The run.
+    numbers, covariance
+        Strength (Pa), ln of K in m and, for the peaked law, K_r; and the covariance of these.
+    misfit
+        Root mean square error along the curve, relative to the strength, 1.
     """
 
     curve: ShearCurve
@@ -157,7 +183,7 @@ def _binned(name: str, sigma: float, j: Array, stress: Array) -> ShearCurve:
 
 
 def fit_curve(law: ShearForm, curve: ShearCurve) -> RunFit:
-    """Least squares over displacement of one run.
+    """Fit a law to one run by least squares over displacement.
 
     Parameters
     ----------
@@ -211,9 +237,9 @@ class FittedShearLaw:
     names, values, covariance
         Names, values and covariance of c (Pa), tan phi, ln K (m) and, for the peaked law, K_r.
     held_out
-        Relative error of a curve whose shape was fitted without it; None with one run.
+        Relative error on a curve that was left out when the law's shape was fitted; None with one run.
     scatter
-        By how much runs differ in strength (relative), ln K, K_r.
+        Standard deviation from run to run of strength (relative), ln K and, for the peaked law, K_r.
     """
 
     law: ShearForm
@@ -226,7 +252,7 @@ class FittedShearLaw:
 
 
 def fit_law(law: ShearForm, curves: list[ShearCurve]) -> FittedShearLaw:
-    """Strength and shape of all runs of one soil under one law.
+    """Fit the strength and the shape of one law to all runs of one soil.
 
     Parameters
     ----------
@@ -353,7 +379,7 @@ def _shows_peak(plain: FittedShearLaw, peaked: FittedShearLaw) -> bool:
 
 @dataclass(frozen=True)
 class ShearFit:
-    """The shear tests of one soil under both laws. peaked: whether the curves show a peak."""
+    """The shear tests of one soil under both laws, and whether the curves show a peak (`shows_peak`)."""
 
     soil: str
     plain: FittedShearLaw

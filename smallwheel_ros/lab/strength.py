@@ -78,12 +78,12 @@ class LabStrength:
         )  # fmt: skip
 
     def of(self, soil: Soil, source: str) -> Soil:
-        """The soil with this strength.
+        """Return a soil with this strength, and its own k, n and m.
 
         Parameters
         ----------
         soil
-            Keeps its k, n and m.
+            The soil.
         source
             Where the strength is from, in words.
         """
@@ -230,7 +230,7 @@ def _about_displacement(fit: ShearFit) -> list[str]:
 def with_strength(
     model: CalibratedModel, strengths: Sequence[LabStrength], tests: ShearTests
 ) -> CalibratedModel:
-    """The model with the strengths of its soils, and their covariance.
+    """Return a model with the measured strengths of its soils, and their covariance.
 
     One soil in the model and one in the tests are the same soil, whatever they are called.
 
@@ -246,7 +246,7 @@ def with_strength(
     Raises
     ------
     StrengthError
-        Where the tests name a soil that the model does not have.
+        If the tests name a soil that the model does not have.
     """
     names = [soil.name for soil in model.model.soils]
     soils = {soil.name: soil for soil in model.model.soils}
@@ -279,12 +279,12 @@ def with_strength(
 
 
 def shear_text(fit: ShearFit, strength: LabStrength) -> str:
-    """Strength and shape of one soil, and which law its curves follow, in words.
+    """Report the strength and shape of one soil, and which law its curves follow, in words.
 
     Parameters
     ----------
     fit, strength
-        Both of the same soil.
+        The shear tests of a soil, and the strength that they give it.
     """
     runs = fit.plain.runs
     stresses = listed([f"{1e-3 * s:.4g}" for s in normal_stresses(runs)])
@@ -321,12 +321,12 @@ def _shape_error(law: FittedShearLaw) -> str:
 
 
 def shear_document(fit: ShearFit, strength: LabStrength) -> dict[str, Any]:
-    """Strength and shape of one soil as plain values, SI.
+    """Report the strength and shape of one soil as plain values, SI.
 
     Parameters
     ----------
     fit, strength
-        Both of the same soil.
+        The shear tests of a soil, and the strength that they give it.
     """
     return {
         "soil": fit.soil,

@@ -35,7 +35,9 @@ _DULL = 0.02  # slope of ln value by ln factor, under which the channel does not
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
-    """The result of a search as plain values, without `measure_next`, `file` and laws learnt after this one.
+    """Turn the result of a search into plain values.
+
+    `measure_next`, `file` and laws that were learnt after this one are filled in later.
 
     Parameters
     ----------
@@ -151,11 +153,11 @@ def _interval(number: Number, best: JudgedLaw) -> tuple[float, float]:
 
 
 def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | None:
-    """The law over its driver, with other drivers at their middle, and the curves of laws that fit as well.
+    """Compute the curve of a law over its driver, and those of all laws that fit equally well.
 
-    None if it depends on no driver, on several, or on the depth. factor: of the draft (a shift of n, or
-    a resistance in N per carrier). low, high: over all tied laws of that stage and drivers, two
-    deviations each way.
+    In the dictionary, `factor` is that of the draft (or a shift of n, or a resistance in N per carrier), and
+    `low` and `high` enclose all tied laws of the same stage and drivers, with two standard deviations.
+    None if the law depends on no driver, on several, or on the depth.
 
     Parameters
     ----------

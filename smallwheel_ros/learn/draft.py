@@ -28,7 +28,7 @@ _AT_LEAST = 0.05  # of the number, in place of a deviation that is smaller
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a law, as in its file. std: None if unknown."""
+    """One number of a law, as in its file; `std` is its standard deviation, None if unknown."""
 
     name: str
     value: float
@@ -43,7 +43,7 @@ class Number:
 
 
 def numbers_of(fitter: Fitter, candidate: LawCandidate) -> list[Number]:
-    """A law's numbers with their deviations.
+    """List a law's numbers with their standard deviations.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def class_text(
     tied: int,
     summary: str,
 ) -> str:
-    """The Python class of a law. Numbers have all their digits, so that predictions stay the same.
+    """Write the Python class of a law. Numbers have all their digits, so that predictions stay the same.
 
     Texts are written by their repr: names of columns and files may have any character.
 
@@ -153,7 +153,7 @@ def class_text(
     settings
         Number of settings in the table.
     tied
-        Number of formulas that fit as well, this one included.
+        Number of formulas that fit equally well, this one included.
     summary
         What the effect does, in a sentence.
     """

@@ -56,24 +56,24 @@ def _compiled(code: str) -> CodeType:
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape.
+    """A function of one driver u, with at most one constant c, of which terms are products.
 
     Attributes
     ----------
     code
-        Python of u and c.
+        Python expression in u and c.
     text
         Formula for people, with {u} and {c}.
     power
-        The power of u's unit that its value has (0: dimensionless).
+        Power of u's unit in which its value is (0: no unit).
     constant
-        Whether it has a c, and whether that is fitted or given (the driver's middle).
+        Whether it has a c, and whether that is fitted (`free`) or is the driver's middle (`given`).
     written
-        Further numbers in its code, which have to be described like c.
+        How many further numbers its code has, which have to be described like c.
     alone
         Whether it is never added to another shape.
     side
-        +1 if it is zero for u below 0, -1 if it is for u above 0.
+        +1 if it is zero for u below 0, -1 if it is zero for u above 0; else 0.
     """
 
     name: str
@@ -255,7 +255,7 @@ def identifier(name: str) -> str:
 
 
 def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]:
-    """The drivers that vary over these points, and why other settings are not drivers, in words.
+    """List the drivers that vary over these points, and sentences on why other settings are not drivers.
 
     A setting with two values is a driver: its influence must not be attributed to another one, though
     no law of it can be learnt.
@@ -303,7 +303,7 @@ def _levels(x: Array) -> int:
 
 @dataclass(frozen=True)
 class Term:
-    """A product of shapes, one for each driver; without any it is the constant 1.
+    """A product of shapes, one for each driver; without drivers it is the constant 1.
 
     Attributes
     ----------
@@ -312,7 +312,7 @@ class Term:
     bounds
         Bounds of c.
     cost
-        Nats needed to describe it, without its place.
+        Nats needed to describe it, apart from the place where it acts.
     """
 
     factors: tuple[tuple[Driver, Shape], ...]
@@ -421,7 +421,7 @@ class Term:
 
 
 def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
-    """Every term of these drivers.
+    """List every term of these drivers that the grammar allows.
 
     Parameters
     ----------

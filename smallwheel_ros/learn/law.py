@@ -41,8 +41,8 @@ class Place:
     stage
         As in documents: k, z, z without resistance, n, D, R.
     method, returned, more
-        Signature of the effect's method there; what it returns, Python of `{change}`; further lines of the
-        class.
+        In Python: the signature of the effect's method there; what it returns, with `{change}` in place of
+        the change; further lines of the class.
     added
         Whether the change is added; else it is a factor.
     carrier
@@ -149,7 +149,7 @@ class LearntLaw:
         return (*strengths, *constants)
 
     def change(self, numbers: Mapping[str, Any], values: Callable[[Driver], Array]) -> Any:
-        """The correction (a factor, or a sum that is added) for given values of the drivers.
+        """Compute the correction (a factor, or a sum that is added) for given values of the drivers.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ def _class_of(python: str) -> type[Effect]:
 
 
 def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
-    """The law with its parameters free.
+    """Make an effect of a fit from a law, with all its parameters free.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]
     numbers
         Starting values by name, SI units.
     size
-        Usual size of a strength, one for each term.
+        Usual magnitude of the strength of each term, in the unit of the place.
     """
     free = []
     for name in law.names:

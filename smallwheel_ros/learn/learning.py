@@ -46,10 +46,18 @@ class LearnError(SmallwheelError):
 
 @dataclass(frozen=True, repr=False)
 class Learnt(Result, shown="views.learnt"):
-    """The laws learnt.
+    """The laws that were learnt.
 
-    document: the content of the JSON. source: the file of the laws; None without any. sought: each search;
-    the last one has no law if fewer were found than requested.
+    Attributes
+    ----------
+    document
+        The content of the JSON.
+    source
+        Text of the Python file with the laws; None if there are none.
+    sought
+        The searches; the last one has no law if there are fewer laws than requested.
+    measurements
+        The table.
     """
 
     document: dict[str, Any]
@@ -105,14 +113,15 @@ class Learnt(Result, shown="views.learnt"):
 def learnt(
     start: Start, name: str | None = None, most: int = 1, progress: Progress = unheard
 ) -> Learnt:
-    """Learn a law that a model lacks from measurements, as far as they can tell.
+    """Learn laws that a model lacks from measurements, as far as they show any.
 
     Parameters
     ----------
     start
         Measurements, and the model without the law.
     name
-        Id of the law, with `_2` added for a second one; if None, it names what the law depends on.
+        Id of the law, with `_2` added for a second one. If None, it is made from the settings on which the
+        law depends.
     most
         How many laws to learn, each with those before it in the model.
     progress
@@ -121,7 +130,7 @@ def learnt(
     Raises
     ------
     LearnError
-        Where name or most make no sense.
+        If the name cannot be an id, or `most` is out of range.
     """
     measurements, known, without, base = (
         start.measurements,

@@ -37,7 +37,7 @@ _WINDOW = 4.0 * TIE  # nats: what a tangent says is further behind is not refitt
 
 @dataclass(frozen=True)
 class TermGrid:
-    """The whole grammar at the points of a table.
+    """All terms of the grammar, evaluated at the points of a table.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class TermGrid:
 
     @classmethod
     def of(cls, points: Points, base: Model) -> TermGrid:
-        """The grammar at points.
+        """Evaluate the grammar at points.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class TermGrid:
 
 @dataclass(frozen=True)
 class LawCandidate:
-    """A fitted law. cost: nats of its description. score: the cost plus the nats of its errors."""
+    """A fitted law; `cost` is the nats of its description, `score` adds those of its errors."""
 
     law: LearntLaw
     fit: Fit
@@ -106,7 +106,7 @@ class LawCandidate:
 
 @dataclass(frozen=True)
 class Found:
-    """The base and the tied laws, best first; without laws if none shortens the description."""
+    """The fit of the base model, and the tied laws, best first; no laws if none shortens the description."""
 
     base: Fit
     tied: tuple[LawCandidate, ...]
@@ -128,8 +128,18 @@ class Found:
 class LawProposal:
     """A law suggested by the tangent, not yet fitted.
 
-    expected: its score by the tangent. numbers: where its fit starts. near: the fit at which the
-    tangent is taken.
+    Attributes
+    ----------
+    law
+        The law.
+    numbers
+        Numbers from which its fit starts, by name, SI units.
+    cost
+        Nats of its description.
+    expected
+        Its score by the tangent, nats.
+    near
+        The fit at which the tangent is taken.
     """
 
     law: LearntLaw
@@ -141,9 +151,18 @@ class LawProposal:
 
 @dataclass(frozen=True)
 class Site:
-    """Where a term is sought: at a place, under a link, by the tangent of a fit.
+    """A place, a link and the tangent of a fit, by which terms are searched for.
 
-    slope: slope of the predictions by the sum of the law's terms, shape (values,).
+    Attributes
+    ----------
+    place, link
+        Where the terms act, and how they form the change.
+    near
+        The fit at which the tangent is taken.
+    slope
+        Derivative of the predictions with respect to the sum of the terms, shape (values,).
+    tangent
+        The tangent.
     """
 
     place: Place
@@ -162,11 +181,11 @@ class Effort:
     first
         Number of laws that are refitted first, from the base's tangent.
     again, forms
-        Places that each round searches further, and refitted forms of each.
+        Number of places that each round searches further, and of forms that are refitted at each.
     seconds
-        Laws that get a second term.
+        Number of laws that get a second term.
     anew
-        Laws that are refitted after the scatter; the others only get a new score.
+        Number of laws that are refitted once the scatter is estimated; the others only get a new score.
     """
 
     first: int
@@ -202,7 +221,17 @@ def _kind(proposal: LawProposal) -> Hashable:
 
 
 class LawSearch:
-    """Searches one set of points. base: the model without the law, fitted to them."""
+    """Searches one set of points for a law.
+
+    Parameters
+    ----------
+    fitter
+        Fitter of the points.
+    base
+        The model without the law, fitted to them.
+    grid
+        The grammar at these points.
+    """
 
     def __init__(self, fitter: Fitter, base: Fit, grid: TermGrid) -> None:
         self.fitter, self.base, self.grid = fitter, base, grid
@@ -234,14 +263,14 @@ class LawSearch:
     # --- What a tangent proposes
 
     def slope(self, fit: Fit, place: Place) -> Array:
-        """Slope of the predictions by the place's ln factor or shift, shape (values,).
+        """Derivative of the predictions with respect to the place's ln factor or shift, shape (values,).
 
         Parameters
         ----------
         fit
             The fit at which it is taken.
         place
-            The stage, and what acts there.
+            The place in the model.
         """
         step = 1.0 if place.stage == "R" else 1e-4  # what is added in newtons is linear
         probe = part_for(LearntLaw(place, "exponential", (CONSTANT,)), {"a1": 0.0}, [1.0])

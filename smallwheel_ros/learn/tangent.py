@@ -36,10 +36,16 @@ def without_lack_of_fit(scatter: Scatter) -> Scatter:
 
 
 class Yardstick:
-    """Whitens values by the covariance V of a fit, and scores errors. count: n, points with all channels.
+    """Whitens values by the covariance V of a fit, and scores errors.
 
-    V excludes the lack of fit over settings, which would treat a law as scatter. rows: of the
-    conditions, one for each point.
+    V leaves out the lack of fit over settings, which would treat a missing law as scatter.
+
+    Attributes
+    ----------
+    count
+        n, the number of points that have all channels.
+    rows
+        Row of the conditions of each point, shape (points,).
     """
 
     def __init__(self, fitter: Fitter, fit: Fit) -> None:
@@ -82,9 +88,16 @@ class Yardstick:
 
 
 class Tangent:
-    """Errors about a fit, with the part that its own parameters can absorb projected out.
+    """Errors about a fit, without the part that the fit's own parameters can absorb.
 
-    white_errors: shape (values,) or (values, copies), whitened. slopes: shape (values, parameters).
+    Parameters
+    ----------
+    yardstick
+        Whitens and scores.
+    white_errors
+        Whitened errors, shape (values,), or (values, copies).
+    slopes
+        Slopes of the predictions by the parameters, shape (values, parameters).
     """
 
     def __init__(self, yardstick: Yardstick, white_errors: Array, slopes: Array) -> None:
@@ -107,10 +120,9 @@ class Tangent:
         return self._yardstick.nats(self._products)
 
     def gains(self, slope: Array, terms: Array) -> tuple[Array, Array]:
-        """The gain of each term, and its strength; shape (terms, copies).
+        """Compute the gain (nats) and the strength of each term, each of shape (terms, copies).
 
-        A term moves each point by its value there, so all terms need products with the same matrices over
-        points.
+        A term moves each point by its value there, so one set of matrices over points serves all terms.
 
         Parameters
         ----------

@@ -58,14 +58,14 @@ _STUDENT = 4.0  # degrees of freedom of the loss: one bad extrapolation does not
 
 @dataclass(frozen=True)
 class JudgedLaw:
-    """The best law, fitted to all points, and its performance on what the search did not see.
+    """The best law, fitted to all points, and how it predicts settings that its search did not see.
 
     Attributes
     ----------
     tied
-        All laws that do as well, the best first.
+        All laws that fit equally well, the best first.
     errors
-        Held out, of the base and of the folds' laws.
+        Held-out errors of the base model and of the folds' laws.
     laws
         The law that each fold chose; None where it chose none.
     vault
@@ -86,13 +86,17 @@ class Sought:
     Attributes
     ----------
     verdict
-        law, unstable, weak, nothing or refused; with reasons in words.
+        law, unstable, weak, nothing or refused.
+    reasons
+        Why, in sentences.
     problem
-        All points, and the base without the law.
+        All points, and the base model without the law.
+    grid
+        The grammar at the points.
     p
-        p value of the permutations; None if they were not reached.
+        p value of the permutations; None if the search ended before them.
     best
-        None if there is nothing to judge.
+        The best law; None if there is none to judge.
     """
 
     verdict: str
@@ -118,7 +122,7 @@ def seek(
     base
         The model without the law.
     seed
-        Seed of the permutations, the folds and the choice of what is kept apart.
+        Seed of the permutations, the folds and the choice of the settings that are kept apart.
     progress
         Called with each step in words, the number done, and the number in all (0: unknown).
     """
@@ -229,7 +233,7 @@ def nothing_to_follow(grid: TermGrid) -> str:
 
 
 def cannot_be_told(law: LearntLaw, measurements: Measurements) -> str:
-    """Why the missing effect may not be this law, though it fits best; empty without such a reason.
+    """Explain why the missing effect may not be this law, though it fits best; empty without such a reason.
 
     Parameters
     ----------
@@ -259,7 +263,7 @@ def _values(driver: Driver) -> str:
 
 
 def chance(search: LawSearch, permutations: int, rng: np.random.Generator) -> float:
-    """p of the best gain by permutations.
+    """Compute the p value of the best gain by permutations.
 
     The statistic is the gain of the best term of the whole grammar at the base's tangent, minus the
     nats of its description.
@@ -267,7 +271,7 @@ def chance(search: LawSearch, permutations: int, rng: np.random.Generator) -> fl
     Parameters
     ----------
     search
-        A search that has not run.
+        A search that has not been run yet.
     permutations
         Number of permutations.
     rng
@@ -325,7 +329,9 @@ def setting_of(points: Points) -> Index:
 
 
 def vault_of(points: Points, seed: int) -> NDArray[np.bool_]:
-    """Mask of the values that neither search nor folds see; none under `VAULT_FROM` settings.
+    """Choose the values that are kept from both search and folds, a mask of shape (values,).
+
+    A table of fewer than `VAULT_FROM` settings keeps none apart.
 
     Parameters
     ----------
@@ -347,12 +353,13 @@ def left_out(
 ) -> tuple[list[CvErrors], list[LearntLaw | None]]:
     """Leave whole settings out in turn and search again without them.
 
-    Returns the errors of the base and of the folds' laws, and these laws; None for a fold without one.
+    Returns the held-out errors of the base model and of the folds' laws, and the laws, None where a fold
+    chose none.
 
     Parameters
     ----------
     fitter, base
-        The base's fit to all points.
+        The base model fitted to all points, and its fitter.
     grid
         The grammar at these points.
     seed
@@ -382,7 +389,9 @@ def left_out(
 def with_vault(
     errors: Sequence[CvErrors], vault: Points, models: Sequence[Model]
 ) -> tuple[list[CvErrors], bool]:
-    """Replace held-out errors by errors on the vault; also return whether the law's are no larger there.
+    """Replace the folds' errors by errors on the points kept apart, where there are any.
+
+    Also returns whether the law predicts these points no worse than the base model in at least one channel.
 
     Parameters
     ----------
@@ -403,7 +412,7 @@ def with_vault(
 
 
 def agreeing(laws: Sequence[LearntLaw | None], law: LearntLaw) -> float:
-    """Share of the folds that chose the same drivers; of a constant, its stage.
+    """Share of the folds that chose the same drivers as this law, or for a constant law the same stage.
 
     Parameters
     ----------
@@ -426,7 +435,7 @@ def judge(
     fitter: Fitter,
     draft: LawCandidate,
 ) -> tuple[str, tuple[str, ...]]:
-    """The verdict, and the evidence against a law.
+    """Decide the verdict, and list the evidence against the law in sentences.
 
     Parameters
     ----------

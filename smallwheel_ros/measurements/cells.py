@@ -46,7 +46,7 @@ class CellGrid:
     Attributes
     ----------
     numbers
-        Line or row in the file of each row.
+        Each row's number in the file: its line or row.
     place
         "line" for a text file, "row" for any other.
     header
@@ -58,7 +58,7 @@ class CellGrid:
     sheet
         Its name in a workbook.
     shares
-        Whether cells shown in per cent are plain fractions that cannot be recognised.
+        Whether the file keeps percentages as plain fractions, so that they cannot be recognised.
     """
 
     rows: list[Sequence[Cell]]
@@ -157,12 +157,12 @@ class Numbers:
 
 
 def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers]:
-    """Numbers of all columns of a table.
+    """Convert the cells of all columns of a table to numbers.
 
     Parameters
     ----------
     columns
-        Cells of each column, as many in each.
+        Cells of each column; all columns have the same length.
     comma
         Whether a comma can only be a decimal mark.
     """

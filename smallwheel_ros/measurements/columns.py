@@ -54,8 +54,8 @@ class ColumnSpec:
     usual
         Range beyond which a value is suspicious for a small wheel.
     same
-        Two values that differ by no more than this are one setting, whatever the rest of the column
-        (`settings.settings_of_rows`).
+        Two values that differ by no more than this, in SI, are one setting, however narrow the range of
+        the column (`settings.settings_of_rows`).
     hint
         Printed with a refused value.
     """
@@ -342,14 +342,14 @@ def is_mass(unit: str | None) -> bool:
 
 
 def weight_under(weight: Array, gravity: Array | float) -> Array:
-    """What masses weigh, N.
+    """Weight (N) of masses under a gravity that is not the standard one.
 
     Parameters
     ----------
     weight
-        Weight under the standard gravity, N, shape (rows,).
+        Their weight under the standard gravity, N, shape (rows,).
     gravity
-        Acceleration of gravity where they are weighed, m/s^2, one for all or shape (rows,).
+        Acceleration of gravity where they were used, m/s^2, one for all or shape (rows,).
     """
     return np.asarray(weight * (gravity / GRAVITY))
 

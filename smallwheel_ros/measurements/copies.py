@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that stand in a table twice, pasted again, perhaps under other names.
+"""Runs that occur in a table twice, because they were pasted again, perhaps under other names.
 
-With few digits two runs of one setting sometimes read the same to the last digit: if readings scatter by
-`sigma` and are written in steps of `q`, with probability q / (2 sqrt(pi) sigma) for each. Equal
+Where readings have few digits, two runs of one setting can agree to the last digit by chance: if readings
+scatter by `sigma` and are written in steps of `q`, each does with probability q / (2 sqrt(pi) sigma). Equal
 runs are copies if far more readings agree than chance allows.
 """
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Display(NamedTuple):
-    """Value in SI times scale is the number shown; label names the quantity and its unit."""
+    """How a quantity is shown: a value in SI times `scale`, in `unit`; `label` names quantity and unit."""
 
     scale: float
     label: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a file or a data frame to a grid of cells; the kind of a file is known by its content."""
+"""Turns a file or a data frame into a grid of cells; the kind of a file is recognised by its content."""
 
 from __future__ import annotations
 

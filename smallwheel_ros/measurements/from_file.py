@@ -105,7 +105,7 @@ def read_tests(
     sheet: str | int | Sequence[str | int] | None = None,
     **how: Any,
 ) -> Measurements | ShearTests:
-    """Read a table of measurements; everything in SI units afterwards.
+    """Read a table of measurements, and convert it to SI units.
 
     Parameters
     ----------

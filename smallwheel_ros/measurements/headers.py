@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a column is, from what stands above it: `sinkage [mm]`, `Einsinkung (mm)`, `z_mm`, `Fz, N`.
+"""Understands the header of a column: `sinkage [mm]`, `Einsinkung (mm)`, `z_mm`, `Fz, N`.
 
 The words are in words.yaml. A header is a quantity with its unit, in brackets or after it:
 
@@ -48,9 +48,14 @@ _NEAR = 0.84  # of difflib: one letter too many or too few in words of five lett
 
 
 class Match(NamedTuple):
-    """The quantity that a header names, and the rank of the match.
+    """The quantity that a header names, and how closely the header matches it.
 
-    rank: 0 for our own name, 1 for its word or symbol, 2 if there are other words too.
+    Attributes
+    ----------
+    name
+        Our name of the quantity.
+    rank
+        0 for our own name, 1 for its word or symbol, 2 if the header has other words too.
     """
 
     name: str

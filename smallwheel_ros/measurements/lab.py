@@ -74,7 +74,7 @@ def take_plates(columns: TableColumns, compliance: float | None) -> None:
     columns
         The table's columns, which are changed.
     compliance
-        Compliance of the rig, m/N: times the load it is subtracted from each sinkage; None: none.
+        Compliance of the rig, m/N: its product with the load is subtracted from each sinkage; None: none.
     """
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
     if plate.any():

@@ -102,7 +102,7 @@ RowNames = tuple[list[int], list[tuple[bool, bool]]]
 
 @dataclass
 class Layout:
-    """The table in a grid of cells.
+    """The table as it lies in a grid of cells.
 
     Attributes
     ----------
@@ -111,11 +111,11 @@ class Layout:
     units
         Units by column, where the table has a row of units.
     numbers
-        Line in the file of each row.
+        Line of each row in the file, shape (rows,).
     header_line
-        None where the file keeps headers apart.
+        Line of the header; None where the file keeps headers apart from the rows.
     ragged
-        Rows that have another number of cells than the header, with that number.
+        For each row whose number of cells differs from the header's, that number.
     """
 
     headers: list[str]
@@ -494,7 +494,7 @@ def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
 def fill_down(
     layout: Layout, named: Mapping[int, Heading], merged: Sequence[tuple[int, int, int]]
 ) -> list[str]:
-    """Fill blanks below a merged cell, or below a name that is typed once; say in which columns.
+    """Fill blanks below a merged cell, or below a name typed once for several rows; report the columns.
 
     Measured values are never filled. A name is typed once if it begins each group of rows, blanks
     follow at least half of the names, and no name follows itself.

@@ -96,13 +96,13 @@ class TableColumns:
     Attributes
     ----------
     lines, place
-        Line or row in the file of each row, and which of the two words is meant.
+        Number of each row in the file, shape (rows,), and what it counts: "line" or "row".
     header
         The header's line.
     headings, cells
-        Headers and cells as in the file.
+        Headers and cells as in the file, by our name of the column.
     numbers
-        NaN where blank.
+        Columns of numbers, SI units, shape (rows,) each; NaN where blank.
     texts
         Known columns of texts, and labels.
     contact
@@ -110,7 +110,7 @@ class TableColumns:
     begins, first
         The first cell of each row, by which people recognise it, and its column.
     found
-        The problems.
+        The problems, a sentence each.
     """
 
     source: str
@@ -266,7 +266,7 @@ class TableColumns:
         rows
             Shape (rows,), one at least.
         what
-            What is reported.
+            What is reported of these rows: the end of the sentence.
         """
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
         return f"{int(rows.sum())} {what} (first in {first})"
@@ -292,14 +292,14 @@ def listed(names: Sequence[str]) -> str:
 
 
 def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
-    """Every column of the table, checked cell by cell.
+    """Read every column of a table, and check it cell by cell.
 
     Parameters
     ----------
     grid
         The cells.
     mapping
-        By our name, the table's header, where words do not say it.
+        Headers that the user has named: the table's header by our name of the quantity.
 
     Raises
     ------
@@ -584,7 +584,7 @@ def check_range(
     values
         SI units, shape (rows,).
     rows
-        Which of them count, shape (rows,).
+        Rows that are checked, shape (rows,).
     """
     no_unit = columns.headings[name].unit is None
     bad = spec.bad(values) & rows

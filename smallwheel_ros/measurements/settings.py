@@ -112,11 +112,11 @@ def _tolerances(measurements: Measurements, wheels: bool) -> list[tuple[Array, f
 
 
 def cluster(values: Array, tolerance: float) -> Index:
-    """Codes of values, in rising order: values with the same code differ by `tolerance` at most.
+    """Group values into codes, numbered in rising order: values of one code differ by `tolerance` at most.
 
     Neighbours are joined over the narrowest gap first, while the span allows (complete linkage in one
-    dimension). Values within the tolerance of each other and further than it from all others thus get
-    one code wherever they lie; a fixed grid of bins would split some of them. NaN has code -1.
+    dimension). Values that are close to each other and far from all others thus always get one code,
+    where a fixed grid of bins would split some of them. NaN has code -1.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def _set_points(values: Array, tolerance: float) -> Index:
 
 
 def ends_of_runs(values: Array, run: Index, count: int) -> tuple[Array, Array]:
-    """Least and largest value of each run, shape (count,); inf and -inf of a run that has none.
+    """Smallest and largest value in each run, each of shape (count,); inf and -inf for a run without values.
 
     Parameters
     ----------
@@ -243,8 +243,8 @@ def curves_of_rows(tracks: Sequence[Array], other: Callable[[int, int], bool]) -
     Parameters
     ----------
     tracks
-        Quantities that rise along a curve, shape (rows,) each: a new curve begins where all of them fall to
-        under half of what they had reached.
+        Quantities that rise along a curve, shape (rows,) each. A new curve begins where all of them fall
+        below half of the largest value that they had reached.
     other
         Takes the numbers of two rows; says whether the second cannot belong to a curve that begins with the
         first.
@@ -263,15 +263,15 @@ def curves_of_rows(tracks: Sequence[Array], other: Callable[[int, int], bool]) -
 
 
 def repeatability(measurements: Measurements) -> dict[str, float]:
-    """Standard deviation of repeats of one run by channel (SI), of the channels that have repeats.
+    """Standard deviation (SI) among repeats within a run, for each channel that has repeats.
 
-    What they differ by is noise, "pure error" in the words of regression, the error that no model can
-    go below, pooled:
+    Repeats differ by noise, the "pure error" of regression, and no model can predict better than that. It is
+    pooled over the runs:
 
         sigma^2 = sum over runs, rows of (y - mean of the run)^2 / sum over runs of (rows - 1)
 
-    What differs from run to run (the soil was prepared anew) is not in it, so the held-out error of
-    even the true model stays somewhat above it.
+    Differences between runs, for which the soil was prepared anew, are not included, so the held-out error
+    of even the true model is somewhat larger.
     """
     index = repeats_of_rows(measurements)
     found = {}
@@ -290,9 +290,18 @@ def repeatability(measurements: Measurements) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Part:
-    """Some of the rows, by a column ("slip") and its values ("0.2 to 0.4").
+    """Rows selected by the values of one column.
 
-    range: smallest and largest value of a numeric column, SI; empty for a text.
+    Attributes
+    ----------
+    by
+        The column, as "slip".
+    label
+        Its values in words, as "0.2 to 0.4".
+    rows
+        Mask of the rows, shape (rows,).
+    range
+        Smallest and largest value of a numeric column, SI; empty for a text.
     """
 
     by: str

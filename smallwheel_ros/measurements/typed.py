@@ -50,7 +50,7 @@ class RangeError(SmallwheelError):
 
 
 def check_setting(name: str) -> None:
-    """Raise ArgumentError for a setting that is one slip of the keyboard from a known one."""
+    """Raise ArgumentError for an unknown setting whose name is one typing error from a known one."""
     near = None if name in COLUMNS else near_miss(name)
     if near is not None:
         raise ArgumentError(f"setting: found '{name}', which is nearly '{near}'")
@@ -133,7 +133,7 @@ def number_of(name: str, given: float | str) -> Typed:
     Raises
     ------
     RangeError
-        Where it is none, or several.
+        If it is not a number, or there are several.
     """
     read = (
         Typed(np.array([given]))
@@ -146,11 +146,11 @@ def number_of(name: str, given: float | str) -> Typed:
 
 
 def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Typed:
-    """Values that were typed, in SI units.
+    """Read the values of a setting that a user typed, in SI units.
 
-    `a`, `a,b,c`, `start:stop:step` (stop included) or `low..high` (with the middle), a unit after it
-    where it is not SI. A comma separates values. It is a decimal mark only where a list is impossible:
-    in a single value, and beside semicolons.
+    The forms are `a`, `a,b,c`, `start:stop:step` (stop included) and `low..high` (which includes the middle),
+    followed by a unit unless it is SI. A comma separates values; it is a decimal mark only where a list is
+    impossible: in a single value, and between semicolons.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Ty
     text
         As it was typed.
     unit
-        The SI unit of the values; None: in SI whatever the unit.
+        The SI unit of the values; None if any unit will do.
     several
         Whether several values are allowed.
 
@@ -261,7 +261,7 @@ def _expanded(name: str, piece: Sequence[str], ends: Sequence[float]) -> Array:
 def limits_of(
     can: Levels | None, measurements: Measurements, told: Callable[[str], object] = unheard
 ) -> dict[str, list[float]]:
-    """The levels that the user can set, by setting, in SI units.
+    """Convert the levels that a user can set to SI units, by setting.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def limits_of(
     Raises
     ------
     ArgumentError
-        Where the table has no such setting, or the levels are no numbers.
+        If the table has no such setting, or the levels are not numbers.
     """
     found: dict[str, list[float]] = {}
     known = ("load", "diameter", "width", *measurements.conditions.covariates)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a workbook (xlsx, xls, ods) to a grid of cells: the sheet that has the table.
+"""Turns the sheet of a workbook (xlsx, xls, ods) that has the table into a grid of cells.
 
 xlsx is read by openpyxl, which gives formats and errors of formulas. xls and ods are read by
-calamine in a process of its own with limited memory: for a cell in the last corner it allocates
+calamine in a process of its own with limited memory: for a cell in a sheet's last corner calamine allocates
 hundreds of gigabytes and aborts.
 """
 
@@ -63,7 +63,7 @@ class _Book(NamedTuple):
 
 
 def workbook_grid(data: bytes, wanted: str | None) -> CellGrid:
-    """One sheet of an xlsx, xls or ods workbook.
+    """Read one sheet of an xlsx, xls or ods workbook.
 
     Parameters
     ----------

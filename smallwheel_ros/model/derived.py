@@ -23,7 +23,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DerivedNumber:
-    """One derived number of a soil. std: None if unknown. follows: parameters that it is computed from."""
+    """One derived number of a soil.
+
+    Attributes
+    ----------
+    name, value, unit
+        Its name, value and unit.
+    std
+        Its standard deviation, in its unit; None if unknown.
+    follows
+        Names of the parameters from which it is computed.
+    """
 
     name: str
     value: float
@@ -35,7 +45,7 @@ class DerivedNumber:
 def derived_numbers(
     soil: Soil, names: Sequence[str], covariance: Array
 ) -> tuple[DerivedNumber, ...]:
-    """k and the shear deformation modulus with their deviations, to first order.
+    """Compute k and the shear deformation modulus, each with its standard deviation to first order.
 
     Parameters
     ----------
@@ -44,7 +54,7 @@ def derived_numbers(
     names
         Names of the covariance's parameters, as `SOIL.n`; those of other soils may be among them.
     covariance
-        Covariance of these parameters, shape (names, names), in the square of their units.
+        Covariance of these parameters, shape (names, names), in the product of their units.
     """
     # ln k = ln p_ref - n ln z_ref - m ln D_ref
     of_k = {

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class HasModel(Protocol):
-    """A result that has a model: of `fit`, `add` and `diagnose`; None where there was too little for one."""
+    """A result of `fit`, `add` or `diagnose`, with its model: None where the data was too little for one."""
 
     @property
     def model(self) -> CalibratedModel | None:
@@ -65,7 +65,7 @@ def registry_of(own: OwnEffects | None) -> Registry:
 
 
 def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
-    """Check that ids are those of effects, or `unknown`; return them as a tuple.
+    """Return ids as a tuple, once each is known to be that of an effect, or `unknown`.
 
     Parameters
     ----------
@@ -123,14 +123,15 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
 
 def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
-    """Effects to start a fit from.
+    """Turn what a user gave into the effects that a fit starts from.
 
     Parameters
     ----------
     given
         Ids, effects, classes of effects or Python files with them; one or several.
     conditions
-        Conditions of the measurements: constants that only scale an effect are set from them unless given.
+        Conditions of the measurements. A constant that only scales an effect, such as a reference
+        speed, is computed from them unless the user gave it.
     """
     listed: list[Any] = (
         [given] if isinstance(given, (str, Effect, type)) else list_of("effects", given)
@@ -158,7 +159,7 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
 
 
 def list_of(name: str, given: Any) -> list[Any]:
-    """One or several things as a list.
+    """Return an argument, one thing or several, as a list.
 
     Parameters
     ----------
@@ -170,7 +171,7 @@ def list_of(name: str, given: Any) -> list[Any]:
     Raises
     ------
     ArgumentError
-        Where it cannot.
+        If it cannot be iterated over.
     """
     try:
         return list(given)

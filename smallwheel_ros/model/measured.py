@@ -62,7 +62,9 @@ class RunScatter:
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """Error of the law of pull or torque, as a standard deviation over the load (times the radius).
+    """Error of the law of pull or torque, as a standard deviation.
+
+    That of pull is divided by the load, that of torque by load times radius.
 
     Attributes
     ----------
@@ -86,7 +88,10 @@ class ForceLaw:
 
 @dataclass(frozen=True)
 class Tied:
-    """Two settings that were varied together: other = at + slope * setting, apart from a deviation."""
+    """Two settings that were varied together: other = at + slope * setting, with a scatter `deviation`.
+
+    All in the SI units of the settings.
+    """
 
     setting: str
     other: str
@@ -129,7 +134,7 @@ class Measured:
     unexplained: bool = False
 
     def plain(self) -> dict[str, Any]:
-        """The ranges and scatter as plain values, as a model file keeps them."""
+        """The ranges and scatter as plain values, for a model file."""
         return {
             "ranges": {n: [float(a), float(b)] for n, (a, b) in self.ranges.items()},
             "wheels": [list(map(float, one)) for one in self.wheels],

@@ -152,7 +152,7 @@ class Model(Result, shown="model.model_file"):
 
 
 class CalibratedModel(Model):
-    """A model with the uncertainty of its parameters and its provenance.
+    """A model, the uncertainty of its parameters, and where they come from.
 
     Attributes
     ----------
@@ -168,7 +168,10 @@ class CalibratedModel(Model):
         Models that the data could not tell apart, each with its probability; a prediction is then their
         mixture. Rounded probabilities are scaled so that they sum to 1.
 
-    Raises ModelError if the probabilities do not sum to 1 within rounding: one is missing, or there twice.
+    Raises
+    ------
+    ModelError
+        If the probabilities do not sum to 1 within rounding: one is missing, or there twice.
     """
 
     names: tuple[str, ...]

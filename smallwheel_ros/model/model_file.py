@@ -53,7 +53,7 @@ class ModelFileError(SmallwheelError):
 
 
 def as_calibrated(model: Model) -> CalibratedModel:
-    """A calibrated model as it is; a plain model without stated uncertainty."""
+    """Return a calibrated model unchanged, and a plain one as a calibrated model of unknown uncertainty."""
     return model if isinstance(model, CalibratedModel) else CalibratedModel(model)
 
 
@@ -70,7 +70,7 @@ def write_model(path: str | Path, model: Model) -> None:
     Raises
     ------
     OutputError
-        If that is impossible.
+        If the file cannot be written.
     """
     write_bytes(path, text(model).encode())
 
@@ -168,7 +168,7 @@ def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[s
     Parameters
     ----------
     soils, effects
-        Soils and effects of a model, in its order.
+        Soils and effects of a model, in the model's order.
     """
     of_soils = (f"{soil.name}.{name}" for soil in soils for name in SOIL_PARAMETERS)
     of_effects = (f"{effect.id}.{p.name}" for effect in effects for p in effect.parameters())

@@ -33,7 +33,7 @@ def neighbours(
     shear: Shear = (),
     geometry: Geometry = "contact_integral",
 ) -> Prediction:
-    """What `model.predict` gives for wheels in soils, and for small changes of law and load, for `slopes`.
+    """Predict wheels in soils, and again with small changes of law and load, from which `slopes` follow.
 
     Parameters
     ----------
@@ -52,7 +52,8 @@ def neighbours(
     Returns
     -------
     Prediction
-        Nine rows for each wheel; the first (rows,) are without any change.
+        Nine blocks of (rows,), one after the other: without any change, then with each of the law's
+        three parameters and ln load a step lower, then a step higher.
     """
     steps = STEP * np.eye(4)
     steps[1, 0] = -STEP * _LOG_DEPTH  # n turns about the reference sinkage

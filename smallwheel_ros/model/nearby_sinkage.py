@@ -27,7 +27,21 @@ Array = NDArray[np.float64]
 class NearbySinkage:
     """Sinkage of rolling wheels near one soil, with some effects.
 
-    conditions: rows of rolling wheels. Raises what `model.predict` raises.
+    Parameters
+    ----------
+    soil
+        The soil at which the contact integral is solved.
+    effects
+        Effects of the model.
+    conditions
+        Settings of rolling wheels, SI units, shape (rows,) each.
+    geometry
+        Rule of contact.
+
+    Raises
+    ------
+    ModelError, EffectError
+        As by `model.predict`.
     """
 
     def __init__(

@@ -33,8 +33,15 @@ class Stages:
     """Calls effects stage by stage.
 
     A pressed or plate row may leave a covariate blank (NaN): an effect that reads it then does nothing
-    in that row. An error names the effect that failed. `conditions` has the load after
-    `corrected_load`.
+    in that row. An error names the effect that failed.
+
+    Parameters
+    ----------
+    effects
+        Effects in the order in which they act.
+    conditions
+        Settings, SI units, shape (rows,) each. The attribute of this name has the load as corrected
+        by the stage `corrected_load`.
     """
 
     def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
@@ -142,9 +149,9 @@ class Stages:
         return sum((self.call(e, stage, 0.0, *arguments) for e in self.acting_at(stage)), 0.0)
 
     def change(self, stage: str, value: Array) -> Array:
-        """Apply each effect to a value in turn; `ROLLING_STAGES` apply to rolling rows only.
+        """Apply each effect to a value in turn; the stages in `ROLLING_STAGES` change rolling rows only.
 
-        Digging and further compaction need a rolling wheel; a pressed body has neither, and no resistance.
+        A pressed body does not dig, does not compact its rut further, and has no resistance.
 
         Parameters
         ----------
@@ -171,10 +178,10 @@ def _positive(name: str, column: Array) -> Array:
 
 
 def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Call an effect's method; an error that it raises then names the effect.
+    """Call an effect's method, and name the effect in any error that it raises.
 
-    A result that is not a number is refused later, by the prediction, with row and setting; numpy's own
-    warning is suppressed, as it would be a second message.
+    The prediction later refuses a result that is not a number, and names row and setting: numpy's own
+    warning would be a second message, and is suppressed.
 
     Parameters
     ----------

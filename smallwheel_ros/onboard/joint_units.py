@@ -39,7 +39,10 @@ _POSITIONS = (math.tau, math.pi / 180.0)  # factors at which positions are in tu
 class VelocityUnit:
     """Holds back a joint's messages until it is known whether its velocities are in rad/s.
 
-    wrong: what is wrong with them, in words; empty if nothing is known to be.
+    Attributes
+    ----------
+    wrong
+        What is wrong with the velocities, in words; empty unless something is.
     """
 
     def __init__(self) -> None:

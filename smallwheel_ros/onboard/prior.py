@@ -65,7 +65,10 @@ class SoilPrior:
     geometry
         Rule of contact: the contact integral, or the closed form (eq. 10).
 
-    Raises EstimatorError where a number is outside its domain.
+    Raises
+    ------
+    EstimatorError
+        If a number is outside its domain.
     """
 
     soil: Soil
@@ -108,7 +111,7 @@ class SoilPrior:
 
     @classmethod
     def from_soil(cls, soil: Soil, geometry: Geometry = "contact_integral") -> SoilPrior:
-        """The prior of a vehicle on some soil of this kind, not on this very soil.
+        """Make the prior of a vehicle on some soil of this kind, not on this very soil.
 
         The deviations are the spread within one kind in the published tables: the three dry sands of
         `soil.SOILS` differ by 0.9 in ln pressure (one standard deviation; a factor of 2 is 0.7) and
@@ -142,7 +145,10 @@ class EstimatorSettings:
     loads_measured
         Whether each wheel's load is measured; otherwise uneven ground changes the loads by unknown amounts.
 
-    Raises EstimatorError where a number is outside its range.
+    Raises
+    ------
+    EstimatorError
+        If a number is outside its range.
     """
 
     sinkage_std: float = SINKAGE_STD

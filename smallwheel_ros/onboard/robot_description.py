@@ -65,7 +65,10 @@ class Filled:
 def silent_parameters(given: Mapping[str, object]) -> list[str]:
     """Full names of parameters that a description may fill and that are not given.
 
-    given: values of parameters by full name; one that is None or absent is not given.
+    Parameters
+    ----------
+    given
+        Values of parameters by full name; one that is None or absent is not given.
     """
     try:
         wheels = wheel_names(given.get("wheels"))

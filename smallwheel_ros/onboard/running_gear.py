@@ -47,10 +47,18 @@ _AHEAD = (
 
 
 class Steering(NamedTuple):
-    """How a joint steers a wheel: its name, its sign (1: positive to the left), and its geometry.
+    """How a joint steers a wheel.
 
-    arm: how far the wheel's middle is to the left of the joint's axis, m. zero: position of the joint
-    at which the wheel points straight ahead, rad.
+    Attributes
+    ----------
+    joint
+        Name of the joint.
+    sign
+        1 if its position is positive to the left, else -1.
+    arm
+        How far the wheel's middle is to the left of the joint's axis, m.
+    zero
+        Position of the joint at which the wheel points straight ahead, rad.
     """
 
     joint: str
@@ -61,7 +69,7 @@ class Steering(NamedTuple):
 
 @dataclass
 class RunningGear:
-    """The joints that turn wheels. notes: on turning joints that are not used, and on oddities."""
+    """The joints that turn wheels, and notes on turning joints that are not used and on oddities."""
 
     wheels: list[Joint] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -70,8 +78,13 @@ class RunningGear:
 class VehicleHeading(NamedTuple):
     """Direction in which a vehicle faces in its base frame.
 
-    quarters: turns of 90 degrees from the frame's x to ahead, positive to the left; None if unknown.
-    note: the reason, if quarters is not 0.
+    Attributes
+    ----------
+    quarters
+        Number of 90-degree turns from the frame's x to straight ahead, positive to the left; None if
+        unknown.
+    note
+        The reason, in words, if `quarters` is not 0.
     """
 
     quarters: int | None
@@ -278,7 +291,7 @@ def carried_by(urdf: Urdf, steering: str, wheels: Mapping[str, Joint], base: str
 
 
 def articulated(joint: str, wheels: Iterable[str]) -> str:
-    """A sentence about a joint that carries several wheels.
+    """Say in a sentence that a joint carries several wheels.
 
     Parameters
     ----------

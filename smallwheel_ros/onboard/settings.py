@@ -76,7 +76,7 @@ class OnboardSettings(DriveParameters):
         Source of the speed over ground for slip: odometry not computed from the wheels, a topic of its
         own, or none if the odometry is computed from the wheels.
     soil_told
-        Whether the user has named the soil; otherwise it may be any soil.
+        Whether the user has named the soil; if not, it may be any soil.
     strength_measured
         Whether the model file's strength was measured, so that it holds for this ground from the start.
     model_note

@@ -55,8 +55,14 @@ class SteeringReader:
 class SteeringAngle:
     """Checks the angles of a wheel.
 
-    wrong: why angles are not used, in words; empty if they are. odd: what is odd about those used.
-    new_steps: how often, in the newest messages, the angle jumped.
+    Attributes
+    ----------
+    wrong
+        Why the angles are not used, in words; empty if they are.
+    odd
+        What is odd about angles that are used, in words.
+    new_steps
+        How often the angle jumped in the newest messages.
     """
 
     def __init__(self) -> None:
@@ -68,8 +74,8 @@ class SteeringAngle:
     def usable(self, stamps: Integers, angles: Array) -> NDArray[np.bool_]:
         """Which messages have a usable angle, shape (messages,).
 
-        NaN is left to those who keep the rows. Angles that repeatedly exceed a whole turn are in degrees;
-        smaller ones then are too, and no message is used any more.
+        NaN counts as usable. Angles that repeatedly exceed a whole turn must be in degrees; smaller
+        ones then are too, and no message is used any more.
 
         Parameters
         ----------

@@ -133,7 +133,7 @@ class Urdf:
         return ([link] + [joint.parent for joint in self.chain(link)])[-1]
 
     def off_axis(self, joint: Joint) -> float:
-        """How far the middle of what a joint turns is from the joint's axis, m; 0 where nothing tells it.
+        """Distance from a joint's axis to the middle of what it turns, m; 0 if that is unknown.
 
         The centre of mass of its child link, else the middle of its boxes, cylinders and spheres, those of
         the collision first; the origin of a mesh is no middle.

@@ -88,7 +88,7 @@ def _read(name: str) -> tuple[set[str], bool]:
 
 
 def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
-    """The name most similar to that of a wheel's input; None if none is, or if two are equally similar.
+    """Choose the name most similar to that of a wheel's input; None if none is, or two equally.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
 
 
 def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
-    """The only one of these names, or the one most similar to an input of the vehicle.
+    """Choose the only one of some names, or the one most similar to an input of the vehicle.
 
     Parameters
     ----------
@@ -181,7 +181,10 @@ def _words_of_all(names: Sequence[str]) -> dict[str, set[str]]:
 def called_by_place(where: Mapping[str, tuple[float, float]]) -> dict[str, str] | None:
     """Name wheels after their places; None if that does not give each a name of its own.
 
-    where: places by any identifier, x ahead and y to the left, m.
+    Parameters
+    ----------
+    where
+        Places by any identifier: x ahead and y to the left, m.
     """
     ahead = sorted(x for x, _ in where.values())
     wide = max(_THICK, *(abs(y) for _, y in where.values()))

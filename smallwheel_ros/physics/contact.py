@@ -69,7 +69,7 @@ class ShapeIntegral(NamedTuple):
 
 
 class ContactSinkage(NamedTuple):
-    """Sinkage of a wheel, and where the model no longer holds; arrays of the broadcast shape.
+    """Sinkage of a wheel, and its slopes; arrays of the broadcast shape.
 
     Attributes
     ----------
@@ -77,7 +77,8 @@ class ContactSinkage(NamedTuple):
         m. Where `sunk_to_axle`, it is a continuation by the power n + 1/2: useful to a fit that passes
         through such a point, but not a prediction.
     sunk_to_axle
-        Whether the load is more than the wheel can carry sunk to its axle.
+        Whether the load exceeds what the soil carries with the wheel sunk to its axle: the model
+        no longer holds.
     slope_load, slope_exponent
         d ln z / d ln(W / K), and d ln z / d n at constant K and W, to about 1e-8; the last is NaN unless
         requested.

@@ -65,10 +65,22 @@ _UNITS = {"k": ("kN/m^(n+m+2)", 1e-3), "cohesion": ("kPa", 1e-3),
 
 @dataclass(frozen=True)
 class PaperLine:
-    """One number of the paper, our value, and the assumption under which it was computed. Units as named.
+    """One number of the paper, our value, and the assumption under which it was computed.
 
-    place: the table or equation. printed: the number that is printed, or that a printed equation gives;
-    None if the paper prints none.
+    Attributes
+    ----------
+    place
+        The table or equation.
+    quantity, unit
+        What the number is, and the unit of both values.
+    printed
+        The number that is printed, or that a printed equation gives; None if the paper prints none.
+    computed
+        Our value.
+    reading
+        The assumption under which it was computed.
+    status
+        Whether the two agree.
     """
 
     place: str
@@ -112,7 +124,7 @@ def resistance(soil: Soil, depth: float) -> float:
 
 
 def sinkage_for(soil: Soil, force: float) -> float:
-    """Sinkage (m) at which eq. 14 gives a compaction resistance.
+    """Sinkage (m) at which eq. 14 gives the stated compaction resistance.
 
     Parameters
     ----------

@@ -63,14 +63,14 @@ def smaller_dimension(conditions: Conditions) -> Array:
 
 
 class Constant(NamedTuple):
-    """A constant of a published law. unit: its unit, with n and m as letters."""
+    """A constant of a published law; n and m in its unit stay letters."""
 
     name: str
     unit: str
 
 
 class PlateLaw(NamedTuple):
-    """One law of size.
+    """A law of how a plate's or wheel's size changes the pressure.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class PlateLaw(NamedTuple):
     factor
         Function g of (rho, n, s).
     tied_to_n
-        Ratio s / n at which size has no influence.
+        Ratio s / n at which size has no influence, near the reference size.
     """
 
     id: Literal["meirion_griffith_spenko", "bekker", "reece", "bernstein_goriatchkin"]

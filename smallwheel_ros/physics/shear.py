@@ -48,9 +48,9 @@ def peaked_share(displacement: ArrayLike, modulus: float, residual: float) -> Ar
     displacement
         j >= 0, m.
     modulus
-        K_w, displacement near the peak, m.
+        K_w, about the displacement at which the strength peaks, m.
     residual
-        K_r, residual over peak strength, over 0 to 1.
+        K_r, residual over peak strength; above 0, at most 1.
     """
     x = np.asarray(displacement, dtype=float) / modulus
     hump = 1.0 / (residual * (1.0 - np.exp(-1.0))) - 1.0

@@ -83,7 +83,12 @@ Geometry = Literal["contact_integral", "closed_form"]
 class ContactRule(NamedTuple):
     """The relation of load and sinkage of a rolling wheel.
 
-    sinkage: function of load, diameter, width, modulus and exponent. shape: I(n, z/D) of `contact`.
+    Attributes
+    ----------
+    sinkage
+        Function of load (N), diameter, width (m), modulus (Pa/m^n) and exponent that gives the sinkage (m).
+    shape
+        Function that gives I(n, z/D) of `contact`.
     """
 
     sinkage: Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike], ContactSinkage]
@@ -260,7 +265,7 @@ def layered_work(sinkage: Array, modulus: Array, exponent: Array, factor: Pressu
 def solve_layered(
     load: Array, upper: Array, load_at: Callable[[Array], Array]
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Sinkage (m) at which `load_at` gives the load, and where even `upper` carries too little.
+    """Sinkage (m) at which the soil carries the load, and a mask of rows where even `upper` is too little.
 
     Uses inverse quadratic steps (Chandrupatla 1997) in ln W over ln z, in which a pressure law is
     nearly a straight line, and bisection where it rises steeply, as at a hard layer.

@@ -62,8 +62,16 @@ _BLOCK = 1024  # rows worked on at a time: the nodes' arrays then stay in the pr
 class ShearLaw(NamedTuple):
     """The shear law's parameters of soil and rim, numbers or arrays of shape (rows,).
 
-    cohesion: c, Pa. friction_angle: phi, rad. shear_displacement: K, m. rolling_share: eta, 1.
-    rim_friction: mu where the rim slides back over the soil, 1 (`rim_friction`).
+    Attributes
+    ----------
+    cohesion, friction_angle
+        c, Pa, and phi, rad.
+    shear_displacement
+        K, m.
+    rolling_share
+        eta, 1.
+    rim_friction
+        mu where the rim slides back over the soil, 1 (`rim_friction`).
     """
 
     cohesion: ArrayLike
@@ -219,7 +227,7 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
     Parameters
     ----------
     rows
-        Wheels on soils, SI units, shape (rows,) each.
+        Wheels, and the soil under each; SI units, shape (rows,) each.
     factor
         Factor on the pressure as a function of depth (m), both of shape (nodes, rows); None: 1.
     """
@@ -317,7 +325,7 @@ def _unsheared(entry: Array, eta: Array, share: Array) -> Array:
 
 
 class MeanPlace(NamedTuple):
-    """Where the pressure acts on the arc: mean and deviation of t/t1 under (1 - (t/t1)^2)^n."""
+    """Mean and deviation of t/t1 (1) on the arc, weighted by the pressure (1 - (t/t1)^2)^n."""
 
     mean: float
     deviation: float

@@ -81,7 +81,13 @@ class Strength:
     correlation: Array | None = None
 
     def wider(self, **by: float) -> Strength:
-        """A copy with larger deviations of some numbers, in their units, uncorrelated with the others."""
+        """Return a copy in which deviations grow by those of errors that are independent of all others.
+
+        Parameters
+        ----------
+        **by
+            Standard deviation of the further error by the number's name, in its unit.
+        """
         numbers: dict[str, Any] = {}
         share = np.ones(5)  # of the deviations that correlations are of
         for name, more in by.items():

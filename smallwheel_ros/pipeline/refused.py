@@ -29,10 +29,14 @@ class Refusal(NamedTuple):
 
 
 class ProblemLog:
-    """Counts of problems by stream and reason since the start, and an explanation of each new one.
+    """Counts problems by stream and reason since the start, and keeps an explanation of each new one.
 
-    counts: how often each has occurred. words: an example of each. used: reasons for which the message is
-    used all the same.
+    Attributes
+    ----------
+    counts
+        How often each has occurred, by stream and reason.
+    words
+        An example of each, in words.
     """
 
     def __init__(self, counts: Counter[tuple[str, str]], words: dict[tuple[str, str], str]) -> None:
@@ -78,7 +82,7 @@ class ProblemLog:
         )
 
     def findings(self, received: Iterable[tuple[str, int]]) -> tuple[str, ...]:
-        """Report streams of which many rows are refused. received: rows offered to each stream."""
+        """Report streams of which many rows are refused, by the number of rows `received` for each."""
         found = []
         for name, rows in received:
             refused = self.refused(name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbered states of a filter: all of a drive are counted, those that rows still need are kept."""
+"""Numbered states of a filter: all states of a drive are counted, those that rows still need are kept."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ REMEMBERED = 4  # soils that were met, to which the vehicle may come back
 
 
 class Versions(dict[int, T]):
-    """The kept states by number. count: number of all so far, dropped ones too; newest: the last state."""
+    """The states that are kept, by number; `count` includes dropped ones, `newest` is the last state."""
 
     def __init__(self, first: T) -> None:
         super().__init__({0: first})

@@ -61,7 +61,7 @@ class PredictionTable(Result, shown="views.prediction"):
     Attributes
     ----------
     notes
-        Sentences on what the predictions rest on that was not measured.
+        Sentences on what the predictions rest on but was not measured.
     names
         Texts of a table's rows by name: run and soil.
     measured
@@ -130,7 +130,7 @@ class PredictionTable(Result, shown="views.prediction"):
 
 
 def cell(row: Mapping[str, Any], quantity: str) -> str:
-    """A quantity as it is shown, with four digits whatever the size of the wheel.
+    """Format a quantity with four digits, whatever the size of the wheel.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
 def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
-    """A prediction with its deviations, and notes on what it rests on that was not measured.
+    """Predict with standard deviations, and return notes on what was not measured.
 
     Parameters
     ----------

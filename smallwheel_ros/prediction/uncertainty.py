@@ -61,9 +61,9 @@ class UncertainPrediction:
     Attributes
     ----------
     standard_deviation
-        Deviation due to the uncertain parameters of the law; empty if the model file has no covariance.
+        Standard deviation of the law's prediction; empty if the model file has no covariance.
     run_deviation
-        Deviation of one row of one new run; empty if the model does not know how runs and rows scatter.
+        Standard deviation of a row measured in a new run; empty if the model has no scatter of runs and rows.
     """
 
     prediction: Prediction
@@ -97,7 +97,7 @@ class _Sloped:
 def predict_with_uncertainty(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> UncertainPrediction:
-    """Predict, with the deviations that follow from the parameters, to first order.
+    """Predict, with the standard deviations that follow from those of the parameters, to first order.
 
     Parameters
     ----------
@@ -111,9 +111,10 @@ def predict_with_uncertainty(
 
 
 def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> UncertainPrediction:
-    """Predict with both deviations, of the law and of one run; a model with rivals gives one prediction.
+    """Predict with both standard deviations, of the law and of a new run; rivals are combined into one model.
 
-    Strength that the model's covariance lacks has the deviations of usual soils (`with_usual_strength`).
+    Numbers of the strength that the model's covariance lacks get the deviations of usual soils
+    (`with_usual_strength`).
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def _sloped(calibrated: CalibratedModel, conditions: Conditions) -> _Sloped:
 
 
 def with_parameter(model: Model, name: str, change: float) -> Model:
-    """The model with one parameter changed.
+    """Return a model with one parameter changed.
 
     Parameters
     ----------

@@ -9,19 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from scipy.optimize import least_squares
-
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import ALARM
-from smallwheel_ros.fitting.noise import NORMAL
 from smallwheel_ros.measurements.display import effect_words
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from smallwheel_ros.diagnosis.pipeline import Diagnosis
-    from smallwheel_ros.pipeline.tables import Array
 
 # Stretches: with fewer an effect that is there is rarely seen; of more every second, third and so on is
 # taken, since a diagnosis takes a tenth of a second for each.
@@ -31,10 +26,6 @@ _FEWEST, _MOST = 120, 240
 # 9 of 12 with nothing hidden.
 _NOTHING = 4.0 * ALARM
 _LIKELY = 0.5  # probability from which the likeliest of several candidates is singled out
-# What wheels may not differ in, of those whose sinkages are compared: the tracks of others count as well.
-_ALIKE = ("diameter [m]", "width [m]", "contact", "pass_number")
-_HUBER = 1.5  # deviations from which on a stretch counts less
-_LEAST = 1e-6  # m, where all stretches agree: no gauge shows less
 
 
 @dataclass(frozen=True)
@@ -52,7 +43,7 @@ class DriveDiagnosis:
     lines
         The diagnosis in sentences.
     by_filter
-        What the soil's filter found of effects, from every reading of the drive, in words.
+        Sentences on effects that the soil's filter has found, from every reading of the drive.
     """
 
     stretches: int
@@ -84,8 +75,8 @@ def diagnosed(table: pd.DataFrame, path: Path, remarks: Sequence[str] = ()) -> D
     path
         File of the table, for the commands that are proposed next.
     remarks
-        What the soil's filter has found at the end, as in `SoilEstimate.remarks`: it has every reading, and
-        stretches that are few or hardly differ in slip may not show the same.
+        Remarks of the soil's filter at the end, as in `SoilEstimate.remarks`. It uses every reading, and may
+        show what a few stretches of much the same slip cannot.
     """
     by_filter = tuple(remarks)
     if len(table) < _FEWEST:
@@ -98,19 +89,21 @@ def diagnosed(table: pd.DataFrame, path: Path, remarks: Sequence[str] = ()) -> D
     runs = table["run"].drop_duplicates()
     used = table[table["run"].isin(runs.iloc[:: -(-len(table) // _MOST)])]
     try:
-        start = start_of(read_measurements(evened(used).reset_index(drop=True)))
+        start = start_of(read_measurements(used.reset_index(drop=True)))
         chance = chance_of_nothing(start)
         if chance > _NOTHING:
             return _nothing(len(used), chance, command, by_filter)
         found = diagnosis_of(start)
     except SmallwheelError as error:
         return _none(used, str(error), by_filter)
+    if _none_is_likelier(found):
+        return _stray(len(used), chance, command, by_filter)
     following = {
         "apply": f"{command} --apply -o MODEL.yaml",
         "learn": f"smallwheel learn {shlex.quote(str(path))} -o law.py",
     }
     first, *_, next_step = verdict_sentences(found.document, following)
-    said = _unconfirmed(found) or f"{first[0].lower()}{first[1:]}{_likeliest(found)}"
+    said = f"{first[0].lower()}{first[1:]}{_likeliest(found)}"
     return DriveDiagnosis(
         len(used),
         found.verdict,
@@ -121,58 +114,17 @@ def diagnosed(table: pd.DataFrame, path: Path, remarks: Sequence[str] = ()) -> D
     )
 
 
-def evened(table: pd.DataFrame) -> pd.DataFrame:
-    """Take out of the sinkages by what those of wheels of one size differ, at one load and slip.
-
-    A rig has one gauge, a vehicle one for each wheel, with a zero of its own, and ground on its left that is
-    not that on its right. Of a millimetre or so they would hide an effect, or look like one.
-
-    Parameters
-    ----------
-    table
-        One row for each stretch, in the columns of measurements.csv.
-
-    Returns
-    -------
-    DataFrame
-        Without stretches whose sinkage is then below zero.
-    """
-    sinkage = table["sinkage [m]"].astype(float).copy()
-    alike = [name for name in _ALIKE if name in table]
-    for _, rows in table.groupby(alike, sort=False):
-        of_wheel = (rows["wheel"].to_numpy()[:, None] == rows["wheel"].unique()).astype(float)
-        wheels = of_wheel.shape[1]
-        log_load = np.log((rows["load [N]"] / rows["load [N]"].median()).to_numpy())
-        about = np.column_stack([of_wheel, log_load, log_load**2, rows["slip"].fillna(0.0)])
-        shown = rows["sinkage [m]"].to_numpy(dtype=float)
-        if wheels == 1 or len(rows) < 2 * about.shape[1]:
-            continue
-        first = np.linalg.lstsq(about, shown, rcond=None)[0]
-        size = max(NORMAL * float(np.median(np.abs(shown - about @ first))), _LEAST)
-
-        def errors(x: Array, about: Array = about, shown: Array = shown) -> Array:
-            return np.asarray(about @ x - shown)
-
-        found = least_squares(  # type: ignore[operator]  # see lab.shear
-            errors, first, loss="huber", f_scale=_HUBER * size
-        )
-        own = found.x[:wheels]
-        sinkage[rows.index] -= of_wheel @ (own - own.mean())
-    return table.assign(**{"sinkage [m]": sinkage})[sinkage > 0.0]
-
-
 def _probabilities(found: Diagnosis) -> dict[str, float]:
     """Probability of each candidate."""
     known = {row["effect"]: row["probability"] or 0.0 for row in found.rows()}
     return {name: known.get(name, 0.0) for name in found.candidates}
 
 
-def _unconfirmed(found: Diagnosis) -> str:
-    """A sentence for stretches that stray from the law where no effect is likelier than none; else empty."""
-    likely = max(_probabilities(found).values(), default=0.0)
-    if found.verdict != "unknown_effect" or likely > _LIKELY:
-        return ""
-    return "they stray from the law, and no effect of the library is likelier than none."
+def _none_is_likelier(found: Diagnosis) -> bool:
+    """Whether no effect at all is likelier than each candidate: none of them is then named."""
+    none = found.document["lack_of_fit"].get("probability_of_none", 0.0)
+    likely = max(_probabilities(found).values(), default=none)
+    return found.verdict == "unknown_effect" and likely < none
 
 
 def _likeliest(found: Diagnosis) -> str:
@@ -187,6 +139,21 @@ def _likeliest(found: Diagnosis) -> str:
 def _agrees(by_filter: tuple[str, ...]) -> str:
     """A sentence on what the soil's filter has found; empty where it found nothing."""
     return f" The soil's filter, from every reading: {'; '.join(by_filter)}." if by_filter else ""
+
+
+def _stray(
+    stretches: int, chance: float, command: str, by_filter: tuple[str, ...]
+) -> DriveDiagnosis:
+    """That stretches stray from the law, and no effect is likelier than none."""
+    return DriveDiagnosis(
+        stretches, "unknown_effect", (), (),
+        (
+            f"Diagnosis of {stretches} steady stretches: they stray from the law (p = {chance:.2g}), and no"
+            f" effect of the library is likelier than none.{_agrees(by_filter)}",
+            f"Next: `{command}` says where they stray, and what would settle it.",
+        ),
+        by_filter,
+    )  # fmt: skip
 
 
 def _nothing(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many bags, each in a process of its own, on this machine or on a Dask cluster; then merged tables."""
+"""Replays many bags, each in a process of its own, here or on a Dask cluster, and merges their tables."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ class Outcome:
 
     @property
     def name(self) -> str:
-        """The bag's name, which its folder has."""
+        """The bag's name, which is also that of its folder."""
         return Path(self.folder).name
 
 
 def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
-    """Return one replay for each bag, each into its own folder below that of `like`.
+    """Make one replay for each bag, each with a folder of its own below that of `like`.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
 def replay_all(
     specs: Sequence[ReplaySpec], stop: Stop, *, jobs: int = 1, scheduler: str | None = None
 ) -> Iterator[Outcome]:
-    """Replay bag by bag, and yield outcomes as they come; what is done already is skipped.
+    """Replay bag by bag, and yield each outcome as it comes; replays that are complete are skipped.
 
     Parameters
     ----------
@@ -91,9 +91,9 @@ def replay_all(
     stop
         Once set, running replays end with what they have, and no further one begins.
     jobs
-        Processes at a time.
+        Number of processes at a time.
     scheduler
-        Address of a Dask cluster, which gets one bag a task. Its workers need this package, and
+        Address of a Dask cluster, to which each bag is a task. Its workers need this package, and
         bags, parameter file and output folder under the same paths as here.
 
     Yields
@@ -157,7 +157,7 @@ def _in_a_process(spec: ReplaySpec, stop: Stop | None = None) -> str:
 
 
 def outcome_of(spec: ReplaySpec, error: str = "", *, before: bool = False) -> Outcome:
-    """The outcome of a bag, from the summary in its folder.
+    """Read the outcome of a bag from the summary in its folder.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     Parameters
     ----------
     folder
-        Where the tables go.
+        Folder for the joined tables.
     outcomes
         Outcomes of the bags, which name their folders.
 
@@ -236,12 +236,12 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
 def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     """Join the cost maps of all bags, the newest on top.
 
-    Where any of them has 100 it stays: a robot was stuck there.
+    A cost of 100 in any of them stays: a robot was stuck there.
 
     Parameters
     ----------
     folder
-        Where the map goes.
+        Folder for the joined map.
     outcomes
         Outcomes of the bags, which name their folders.
 
@@ -280,7 +280,7 @@ def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
 
 
 def many_text(outcomes: Sequence[Outcome]) -> str:
-    """Say what became of each bag, a line for each."""
+    """Report the outcome of each bag, in a line each."""
     rows = []
     for outcome in outcomes:
         state = outcome.state.replace("_", " ") + (" (before)" if outcome.done_before else "")

@@ -31,10 +31,21 @@ _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a 
 class NewBag(BagWriter):
     """A new bag in the storage format of the old one, so that the same programs read both.
 
-    Attributes
+    Parameters
     ----------
+    path
+        Folder of the new bag.
+    reader
+        Reader of the old bag.
+    copied
+        Topics and types that are copied.
     frames
         Frame of each wheel's messages.
+    base_frame
+        The vehicle's base frame.
+
+    Attributes
+    ----------
     has_twists
         Whether twists were written.
     prefix

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a bag about the ground ahead, for the cost map of a replay."""
+"""Passes messages of a bag about the ground ahead to the cost map of a replay."""
 
 from __future__ import annotations
 

@@ -29,8 +29,18 @@ _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 class Recording:
     """The inputs of a vehicle in an open bag, and its messages in the order in which they were recorded.
 
-    in_bag: converts the node's name of a topic to the bag's. clock: whether stamps are compared with
-    the recorded /clock, or, without one, with recording times.
+    Parameters
+    ----------
+    reader
+        The open bag.
+    settings
+        The node's settings.
+    pipeline
+        Pipeline to whose streams the messages go.
+    in_bag
+        Converts the node's name of a topic to the bag's.
+    clock
+        Whether stamps are compared with the recorded /clock or, if there is none, with recording times.
 
     Attributes
     ----------
@@ -45,7 +55,7 @@ class Recording:
     damage
         Where a damaged bag ended early.
     stopped
-        Set it to read no further; what has been read is still processed.
+        Set it to stop reading; messages read before are still processed.
     """
 
     def __init__(
@@ -102,7 +112,7 @@ class Recording:
         each: Callable[[RawMessage], object] | None = None,
         block: int = _BLOCK,
     ) -> Iterator[Iterator[Turn]]:
-        """The turns of the pipeline, block by block, to the end of the bag.
+        """Yield the turns of the pipeline, block by block, to the end of the bag.
 
         Parameters
         ----------
@@ -189,7 +199,7 @@ def turns_of(
     clock: bool = True,
     remap: Mapping[str, str] | None = None,
 ) -> Iterator[Turn]:
-    """Turns of a bag, one after the other.
+    """Yield the pipeline's turns over a bag, one after the other.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replay of one bag: its messages go to the estimator as in the node, and all results are written."""
+"""Replays one bag: its messages go to the estimator as in the node, and all results are written."""
 
 from __future__ import annotations
 
@@ -71,14 +71,14 @@ def replay(
     progress: Progress = lambda _done, _all: None,
     report: Report = lambda _result, _folder: None,
 ) -> Replayed:
-    """Replay one bag into the spec's folder, even a damaged one, to its end or until interrupted.
+    """Replay one bag, even a damaged one, to its end or until interrupted, into the spec's folder.
 
     Parameters
     ----------
     spec
         Bag, parameters, folder and options.
     progress
-        Called from time to time with the number of messages done, and in all.
+        Called from time to time with the number of messages done and their total.
     report
         Writes a page, before the replay counts as done.
 

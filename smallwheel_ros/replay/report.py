@@ -76,7 +76,7 @@ _SOIL = (
 
 
 def page(result: Replayed, pictures: bool = True, folder: Path | None = None) -> Page:
-    """The page of a replay.
+    """Make the page of a replay.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def page(result: Replayed, pictures: bool = True, folder: Path | None = None) ->
     pictures
         Whether to draw.
     folder
-        Folder with its tables; the spec's if not given.
+        Folder with its tables; that of the spec if not given.
     """
     summary = result.to_dict(folder)
     return _page(summary, drive_blocks(summary, folder or result.spec.folder) if pictures else [])
@@ -290,7 +290,7 @@ def _times(count: int) -> str:
 
 
 def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
-    """The path as a map; wheels and soil over time.
+    """Make the figures of a drive: the path as a map, wheels and soil over time.
 
     Parameters
     ----------

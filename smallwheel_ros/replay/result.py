@@ -232,7 +232,7 @@ class Replayed(Result, shown="replay.report"):
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
         """The content of replay.json: SI units, times in s since the bag's beginning.
 
-        folder: where the files are; the spec's folder if not given.
+        Its files are in `folder`; in that of the spec if not given.
         """
         happened, received = (
             self.happened,

@@ -49,8 +49,16 @@ class ReplayError(SmallwheelError):
 class ReplaySpec:
     """What to replay and how; plain values, so that it can be sent to another process or machine.
 
-    The fields are arguments of `replay`. folder: where results go. remaps: full names of topics. notes:
-    remarks to print at the beginning.
+    The fields are arguments of `api.replay`, except for these:
+
+    Attributes
+    ----------
+    folder
+        Folder for the results.
+    remaps
+        Full names of topics in the bag, by the node's full names.
+    notes
+        Remarks to print at the beginning.
     """
 
     bag: Path
@@ -155,8 +163,8 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
 def check_parameters(spec: ReplaySpec) -> list[str]:
     """Check the parameter file as far as that is possible without the bag.
 
-    Returns the unknown parameters. Raises ParametersError if the file cannot be read, or a parameter is
-    wrong, or is missing and cannot come from a bag.
+    Returns sentences about unknown parameters. Raises ParametersError if the file cannot be read, or a
+    parameter is wrong, or is missing and cannot come from a bag.
     """
     values = read_parameters(spec.config)
     if not (_description_topic(values) and needs_description(values)):
@@ -228,8 +236,16 @@ def _described(
 class Input:
     """A topic that the node listens to, for one stream of the estimate (`Pipeline.streams`).
 
-    topic: after remaps. detail: the part of the message, in words. lacking: why the bag does not
-    provide it, in words; empty if it does.
+    Attributes
+    ----------
+    stream
+        Name of the stream.
+    topic, type
+        Name of the topic, after remaps, and type of its messages.
+    detail
+        The part of the message that is used, in words.
+    lacking
+        Why the bag does not provide it, in words; empty if it does.
     """
 
     stream: str
@@ -251,7 +267,7 @@ def inputs_of(
     reader: BagReader,
     unusable: Mapping[Key, str],
 ) -> tuple[Input, ...]:
-    """For each stream of the estimate, its topic, or the reason why it has none.
+    """Find the topic of each stream of the estimate, or the reason why it has none.
 
     Parameters
     ----------

@@ -28,6 +28,7 @@ from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID
+from smallwheel_ros.fitting.noise import NORMAL
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 from smallwheel_ros.pipeline.mobility.status import Status
@@ -77,12 +78,17 @@ def deviations(soil: SoilEstimate) -> dict[str, float]:
 class EstimatesTable(AbstractContextManager["EstimatesTable"]):
     """Writes NAME.csv and, if pyarrow is installed, NAME.parquet, block by block.
 
-    Attributes
+    Parameters
     ----------
     stem
         Path without suffix.
     start
         The bag's first log time, ns.
+    wheels
+        Names of the wheels.
+
+    Attributes
+    ----------
     counts
         By wheel, the number of estimates with each kind of value, and the sum `squares` of measured minus
         predicted sinkage squared, m^2.
@@ -113,7 +119,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         )
 
     def told(self) -> dict[str, dict[str, float | None]]:
-        """Summary of slip and margin over the drive.
+        """Summarise slip and margin over the drive.
 
         Returns
         -------
@@ -338,12 +344,17 @@ def _write_table(table: pd.DataFrame, stem: Path) -> None:
 class SteadyStretches:
     """Collects readings, and returns the rows of a table of measurements at the end.
 
-    Attributes
+    Parameters
     ----------
+    wheels
+        All wheels.
     pull_std
-        Deviation of a measured drawbar pull, N; None if none is measured.
+        Standard deviation of a measured drawbar pull, N; None if none is measured.
     gravity
         Acceleration of gravity, m/s^2.
+
+    Attributes
+    ----------
     unsteady
         Number of stretches that were left out.
     at_changes, unusable
@@ -483,7 +494,7 @@ def _medians(table: pd.DataFrame, order: list[str]) -> pd.DataFrame:
         # What they scatter, and what their sensor declares for each: the larger one counts.
         at = pd.MultiIndex.from_frame(table[keys])
         off = (table[name] - middle[name].reindex(at).to_numpy()).abs()
-        scatter = 1.4826 * off.groupby([table[key] for key in keys], observed=True).median()
+        scatter = NORMAL * off.groupby([table[key] for key in keys], observed=True).median()
         rows[f"{name}_std"] = np.maximum(scatter, middle[f"{name}_std"]) / np.sqrt(count)
     same = (high["passes"] == low["passes"]) & (low["passes"] > 0)
     rows["passes"] = high["passes"].where(same)

@@ -91,7 +91,7 @@ def config_file(name: str) -> Path:
 class NodeProcess:
     """The node in a process of its own; use it in a `with` statement, which ends it.
 
-    Attributes
+    Parameters
     ----------
     parameters
         Parameter files; later ones take precedence.
@@ -100,7 +100,10 @@ class NodeProcess:
     overrides
         Further parameters as ROS writes them, such as {"use_sim_time": "true"}.
     environment
-        Variables that differ from this process's.
+        Environment variables that differ from those of this process.
+
+    Attributes
+    ----------
     process_id
         Number of the process, once it is started.
     """

@@ -38,7 +38,7 @@ def time_message(stamp: int) -> Time:
 
 
 def header_of(stamp: int, frame: str) -> Header:
-    """A message header.
+    """Make a message header.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ class CostPublisher:
     published
         Number of times that grids of costs were sent.
     ahead
-        Gives messages about the ground ahead to the map.
+        Puts messages about the ground ahead into the map.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class CostPublisher:
     def publish(self, now: int) -> None:
         """Publish the grids if they have changed; unchanged ones again after 5 s or a correction by tf.
 
-        now: their stamp before any measurement, ns.
+        Before any measurement their stamp is `now`, ns.
         """
         again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
         grids = self.map.grids() if self.map.changed else None

@@ -90,7 +90,10 @@ def _never(_: bytes) -> None:
 class Inputs:
     """A node's subscriptions and their state.
 
-    arrived: when the newest message arrived, by time.monotonic().
+    Attributes
+    ----------
+    arrived
+        When the newest message arrived, by time.monotonic(), s.
     """
 
     def __init__(self, node: Node, settings: NodeSettings, pipeline: Pipeline) -> None:
@@ -346,7 +349,7 @@ def _queued(subscription: Subscription, *, raw: bool) -> Iterator[tuple[Any, Map
 
 
 def part_of_message(stream: str, settings: NodeSettings) -> str:
-    """Which part of its topic's messages a stream is, in words.
+    """Say which part of its topic's messages a stream is.
 
     Parameters
     ----------
@@ -390,7 +393,7 @@ def input_lines(topics: Mapping[str, Topic]) -> list[str]:
 
 
 def estimates(settings: OnboardSettings, undeterminable: Sequence[str]) -> str:
-    """What is estimated, and for which wheels, once all inputs have arrived.
+    """Say what is estimated, and for which wheels, once all inputs have arrived.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ _EXAGGERATION = 10.0  # sinkages are small beside a vehicle
 
 
 def markers(newest: Estimates, wheels: Sequence[Wheel], frame: str) -> MarkerArray:
-    """A column under each wheel, ten times as high as its sinkage, with the sinkage in words.
+    """Make markers: a column under each wheel, ten times as high as its sinkage, with the sinkage as text.
 
     Parameters
     ----------
@@ -117,8 +117,23 @@ def _of_wheel(newest: Estimates, i: int, wheel: Wheel, frame: str) -> list[Marke
 class Outputs:
     """The publishers of a configured node; call `destroy` at the end.
 
-    newest: the newest row of each wheel. cost: the cost map. report: called with topic, reason and
-    explanation of a problem.
+    Parameters
+    ----------
+    node
+        The node.
+    settings
+        Its settings.
+    pipeline
+        Its pipeline.
+    report
+        Called with topic, reason and explanation of a problem.
+
+    Attributes
+    ----------
+    newest
+        The newest row of each wheel.
+    cost
+        The cost map's publisher.
     """
 
     def __init__(
@@ -323,7 +338,7 @@ def _fields_of(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def newest_of(before: Estimates, found: Estimates) -> Estimates:
-    """The newest row of each wheel, in the order of the wheels' numbers.
+    """Find the newest row of each wheel, in the order of the wheels' numbers.
 
     Parameters
     ----------

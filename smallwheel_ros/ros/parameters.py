@@ -71,12 +71,17 @@ class NodeParameters:
     not declared but remembered, so that the node can say in its own words what is wrong, and a user can
     correct it while the node runs.
 
+    Parameters
+    ----------
+    node
+        The node.
+    is_active
+        Returns whether the node uses the parameters now, so that none can be set.
+    filled
+        Called, with names and values in words, when parameters that were not given get another value.
+
     Attributes
     ----------
-    is_active
-        Whether the node uses the parameters now, so that none can be set.
-    filled
-        Called, with names and values in words, when parameters that were not given have got another value.
     unknown
         A sentence for each given parameter that is unknown.
     problems
@@ -235,8 +240,12 @@ def _descriptor(parameter: NodeParameter) -> ParameterDescriptor:
 class RobotDescription:
     """Listens to the robot description, and passes its values to the parameters.
 
-    It does not listen if every parameter that a description can fill is given. lacking: a sentence for
-    each parameter that the newest description could not fill.
+    It does not listen if every parameter that a description can fill is given.
+
+    Attributes
+    ----------
+    lacking
+        A sentence for each parameter that the newest description could not fill.
     """
 
     def __init__(self, node: Node, table: NodeParameters) -> None:
@@ -287,7 +296,7 @@ class RobotDescription:
 
 
 def velocity_elsewhere(base: str, frame: str) -> list[str]:
-    """A warning where the newest message of `velocity_topic` is not in the base frame.
+    """Warn if the newest message of `velocity_topic` is not in the base frame.
 
     Parameters
     ----------

@@ -115,15 +115,22 @@ class _Job:
 
 
 class Session:
-    """The estimate of a configured node, with its topics; it is made completely, or raises.
+    """The estimate of a configured node, with its topics; the constructor makes all of it, or raises.
 
     One timer does all the work: each turn decodes what has arrived, takes it through the pipeline, and
     publishes.
 
-    Attributes
+    Parameters
     ----------
+    node
+        The node.
+    settings
+        Its settings.
     wall
         A clock that runs while /clock stands still.
+
+    Attributes
+    ----------
     warnings
         Sentences about the configuration, reported once.
     restored

@@ -58,7 +58,7 @@ class HiddenLaw:
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One effect in the truth. numbers: those of its formula besides the amplitude, by name."""
+    """One effect in the truth; `numbers` are those of its formula besides the amplitude, by name."""
 
     name: str
     law: HiddenLaw
@@ -72,7 +72,7 @@ class HiddenEffect:
 
 
 def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
-    """The actions of effects in one stage, in their order.
+    """Yield the actions of effects in one stage, in their order.
 
     Parameters
     ----------

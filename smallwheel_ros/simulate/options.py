@@ -15,8 +15,14 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 class Option(NamedTuple):
     """Describes a field of settings as an option: ``rows: Annotated[int, Option("Repeats.")] = 3``.
 
-    within: its lowest and highest value, and their unit. words: arguments for `click.option` that do
-    not follow from the field's default.
+    Attributes
+    ----------
+    text
+        Help of the option.
+    within
+        Its lowest and highest value, and their unit; or its choices.
+    words
+        Arguments for `click.option` that do not follow from the field's default.
     """
 
     text: str | None = None
@@ -32,7 +38,7 @@ def options_of(settings: type) -> dict[str, Option]:
 
 
 def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Command], Command]:
-    """Give a command the options of its settings, in their order but for those that come first.
+    """Give a command the options of its settings, in their order, after those in `first`.
 
     Parameters
     ----------

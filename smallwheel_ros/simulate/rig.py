@@ -143,7 +143,7 @@ def typical_run(design: RigDesign) -> RunSettings:
 def draw_runs(
     design: RigDesign, effects: Sequence[HiddenEffect], count: int, rng: np.random.Generator
 ) -> tuple[RunSettings, ...]:
-    """Draw runs, each setting independent of the others (but for a tie).
+    """Draw runs, each setting independent of the others (except for a tie).
 
     Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn again,
     as nothing is measured there; that leaves slight correlations of load, diameter and width.

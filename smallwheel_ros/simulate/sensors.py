@@ -28,12 +28,12 @@ _SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they
 
 
 def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
-    """Correlated errors of deviation 1, by a first-order autoregression.
+    """Draw correlated errors of standard deviation 1, by a first-order autoregression.
 
     Parameters
     ----------
     normal
-        Draws that many independent standard normal numbers.
+        Function of a number that draws so many independent standard normal numbers.
     count
         Number of errors.
     keep
@@ -50,7 +50,7 @@ def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
 
 
 class MeasuredRows:
-    """The sensor readings of a drive. outliers: for each wheel, which of its sinkages are gross errors."""
+    """The sensor readings of a drive; `outliers` tells which sinkages of each wheel are gross errors."""
 
     def __init__(
         self, world: World, rover: SimulatedRover, truth: Truth, rng: np.random.Generator

@@ -26,7 +26,7 @@ class SimulationError(SmallwheelError):
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str = "") -> None:
-    """Check that a setting is a finite number between two others, both allowed.
+    """Check that a setting is a finite number within its bounds, both allowed.
 
     Parameters
     ----------
@@ -124,7 +124,14 @@ def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
 class Asked(NamedTuple):
     """A requested hidden effect.
 
-    column: the extra column that drives it; None if it has none. size: None if it is drawn.
+    Attributes
+    ----------
+    name
+        Name of the effect.
+    column
+        The extra column that drives it; None if it has none.
+    size
+        Its size, in the SI unit of its formula; None if it is to be drawn.
     """
 
     name: str

@@ -20,7 +20,7 @@ _FAR = 0.1  # rad: what is further off is turned at rest
 
 
 class SteeredWheels:
-    """Angles of the wheels of a rover, rad, positive to the left; crab: course of the vehicle, rad."""
+    """Angles of a rover's wheels (rad, positive to the left), and the vehicle's course `crab` (rad)."""
 
     def __init__(self, rover: SimulatedRover) -> None:
         self.x, self.y = (np.array([getattr(w, axis) for w in rover.wheels]) for axis in "xy")

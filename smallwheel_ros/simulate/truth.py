@@ -53,9 +53,20 @@ _REFERENCE_SINKAGE, _REFERENCE_DIAMETER = 0.01, 0.25
 class Contact:
     """Points of the contact between wheels and soil, from the entry to the lowest point.
 
-    angle (rad, from the lowest point), depth (m, below the untouched surface) and weight (rad, of
-    the quadrature) have the shape (rows, nodes); the rest (rows,). rut: depth (m) of the rut that
-    earlier passes left, 0 on fresh soil.
+    Attributes
+    ----------
+    diameter, sinkage
+        m, shape (rows,).
+    entry
+        Angle of the entry from the lowest point, rad, shape (rows,).
+    angle
+        Angle of each point from the lowest point, rad, shape (rows, nodes).
+    depth
+        Depth of each point below the untouched surface, m, shape (rows, nodes).
+    weight
+        Weight of each point in the quadrature, rad, shape (rows, nodes).
+    rut
+        Depth of the rut that earlier passes left, m, shape (rows,); 0 on fresh soil.
     """
 
     diameter: Array
@@ -163,7 +174,7 @@ class Contact:
 
 
 def sinkage_under(load: Array, diameter: Array, carried: Callable[[Array], Array]) -> Array:
-    """Sinkage at which `carried` equals the load.
+    """Find the sinkage at which `carried` equals the load.
 
     Solved for ln(load) over ln(sinkage), which is nearly a straight line.
 
@@ -174,7 +185,7 @@ def sinkage_under(load: Array, diameter: Array, carried: Callable[[Array], Array
     diameter
         Shape (rows,), m.
     carried
-        Gives the load (N) that is carried at a sinkage (m), both of shape (rows,).
+        Function that returns the load (N) carried at a sinkage (m), both of shape (rows,).
 
     Returns
     -------
@@ -196,7 +207,7 @@ def sinkage_under(load: Array, diameter: Array, carried: Callable[[Array], Array
 def bracketed_root(
     function: Callable[[Array], Array], low: Array, high: Array, tolerance: float
 ) -> Array:
-    """Zeros of rising functions, one for each element, by regula falsi (Illinois rule).
+    """Find the zeros of rising functions, one for each element, by regula falsi (Illinois rule).
 
     Never leaves the bracket; returns its nearer end if a function has no zero in it.
 
@@ -242,10 +253,20 @@ def bracketed_root(
 
 @dataclass(frozen=True)
 class TruthSoil:
-    """A soil as it really is.
+    """A soil of the simulator, with its true parameters.
 
-    p = k z^n D^m in Pa with z and D in m, so k is in Pa/m^(n+m); cohesion in Pa, friction_angle in
-    rad, shear_deformation in m (Janosi and Hanamoto's K), unit_weight in N/m^3.
+    Attributes
+    ----------
+    name
+        Name of the soil.
+    k, n, m
+        Constants of p = k z^n D^m; k in Pa/m^(n+m), n and m 1.
+    cohesion, friction_angle
+        Pa, rad.
+    shear_deformation
+        Janosi and Hanamoto's K, m.
+    unit_weight
+        N/m^3.
     """
 
     name: str
@@ -283,7 +304,7 @@ def soil_of_pressure(name: str, pressure: float, n: float, m: float, **rest: flo
 
 @dataclass(frozen=True)
 class Circumstances:
-    """Where and how wheels roll; arrays of shape (rows,), SI units and radians.
+    """Under which conditions wheels roll; arrays of shape (rows,), SI units and radians.
 
     Slip is 1 - v/(r omega) when driven and r omega/v - 1 when skidding. `covariates` holds what
     else is recorded, `hidden` what is not, -1 .. 1.
@@ -302,9 +323,9 @@ class Circumstances:
 
     @classmethod
     def of(cls, /, **settings: Any) -> Circumstances:
-        """Broadcast numbers and arrays to one length; what is not given has its plain value.
+        """Broadcast numbers and arrays to one length; what is not given has its default.
 
-        The plain values are no slip, 0.1 m/s, fresh soil, no slip angle, no grousers, the middle of hidden
+        The defaults are no slip, 0.1 m/s, fresh soil, no slip angle, no grousers, and the middle of hidden
         variables. A name that is not an attribute is a covariate.
         """
         plain = {"slip": 0.0, "speed": 0.1, "pass_number": 1.0}
@@ -326,12 +347,12 @@ class Circumstances:
 
 
 def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Array) -> Array:
-    """Load that a soil carries at a sinkage where its pressure depends on depth alone.
+    """Compute the load that a soil whose pressure depends on depth alone carries at a sinkage.
 
     Parameters
     ----------
     law
-        Gives the pressure (Pa) at depths (m), shape (rows, nodes).
+        Function that returns the pressure (Pa) at depths (m), both of shape (rows, nodes).
     diameter, width, sinkage
         Shape (rows,), m.
 
@@ -345,12 +366,12 @@ def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Arr
 
 
 def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
-    """Sinkage at which the soil carries the load.
+    """Find the sinkage at which the soil carries the load.
 
     Parameters
     ----------
     law
-        Gives the pressure (Pa) at depths (m), shape (rows, nodes).
+        Function that returns the pressure (Pa) at depths (m), both of shape (rows, nodes).
     load
         Shape (rows,), N.
     diameter, width

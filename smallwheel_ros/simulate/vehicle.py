@@ -55,7 +55,7 @@ class Truth:
     held
         Pull of each wheel at the reference slip, N.
     stuck
-        Time at which slip had been over 0.8 for half a second, for good, s; None if never.
+        Time at which slip has been over 0.8 for half a second and stays so, s; None if never.
     steering, crab
         Angle of each wheel, and of the course, to the left of the heading, rad.
     """
@@ -121,7 +121,7 @@ class Truth:
         return np.stack([ahead, left, GRAVITY * np.cos(climb) * np.cos(roll)], axis=1)
 
     def travel(self, rover: SimulatedRover, wheel: int) -> Array:
-        """Speed of a wheel's place along the wheel's heading.
+        """Compute the speed of a wheel's place along the wheel's heading.
 
         Parameters
         ----------

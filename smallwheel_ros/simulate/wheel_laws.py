@@ -39,8 +39,16 @@ class Curves(NamedTuple):
 class RimStrength:
     """Strength of a soil under a rim.
 
-    rolling: share of the displacement by rolling that shears soil, as a tread yields. residual: shear
-    stress far beyond its peak (Wong 1979), over that peak.
+    Attributes
+    ----------
+    cohesion, friction_angle
+        Pa, rad.
+    shear_deformation
+        K, m.
+    rolling
+        Share of the displacement by rolling that shears the soil, 1; a tread that yields takes up the rest.
+    residual
+        Shear stress far beyond its peak (Wong 1979), over the peak, 1.
     """
 
     cohesion: float
@@ -53,7 +61,7 @@ class RimStrength:
 def rim_curves(
     diameter: float, width: float, load: float, exponent: float, strength: RimStrength
 ) -> Curves:
-    """Curves of a wheel whose pressure, in the shape depth^exponent, carries its load at each depth.
+    """Compute curves of a wheel whose pressure, of the shape depth^exponent, carries its load at each depth.
 
     Parameters
     ----------
@@ -145,7 +153,7 @@ class Stresses:
 
 
 def sinkage_of(sand: Sand, at: Circumstances) -> Array:
-    """A parabola's static sinkage, and what slip digs and skid ploughs, in forms of their own.
+    """Compute the static sinkage of a parabolic contact, and what slip digs and skid ploughs in addition.
 
     Parameters
     ----------
@@ -168,7 +176,7 @@ def sinkage_of(sand: Sand, at: Circumstances) -> Array:
 
 
 def response_of(sand: Sand, at: Circumstances, shape: Stresses) -> tuple[Array, Array, Array]:
-    """Sinkage, pull and torque.
+    """Compute sinkage, pull and torque of wheels on a sand.
 
     Parameters
     ----------
@@ -230,7 +238,7 @@ def _forces(
 def peaked_curves(
     diameter: float, width: float, load: float, exponent: float, strength: RimStrength
 ) -> Curves:
-    """Curves of a wheel whose pressure peaks ahead, on a soil that loses strength after its peak.
+    """Compute curves of a wheel whose pressure peaks ahead, on a soil that loses strength after its peak.
 
     Parameters
     ----------
@@ -268,9 +276,9 @@ LAWS = {"rim": rim_curves, "peaked": peaked_curves}
 
 
 def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
-    """Shear stress along the arc, negative when skidding, after Janosi and Hanamoto.
+    """Compute the shear stress along the arc by Janosi and Hanamoto's law, negative when skidding.
 
-    A wheel that has dug itself in presses on the soil with its load still, no more: the stress
+    A wheel that has dug itself in still presses on the soil with no more than its load: the normal stress
     over the longer arc is scaled to that.
 
     Parameters
@@ -323,7 +331,7 @@ class Response(NamedTuple):
 
 @dataclass(frozen=True)
 class WheelsOnSoil:
-    """Wheels on a soil with effects. scatter: factor on k, by row or for all."""
+    """Wheels on a soil with effects; `scatter` is a factor on k, for each row or for all."""
 
     soil: TruthSoil
     effects: Sequence[HiddenEffect]
@@ -345,7 +353,7 @@ class WheelsOnSoil:
         return pressure
 
     def forces(self, sinkage: Array, rut: Array) -> tuple[Array, Array]:
-        """Load that is carried and horizontal force on the wheel at a sinkage.
+        """Compute the load that is carried, and the horizontal force on the wheel, at a sinkage.
 
         Parameters
         ----------
@@ -357,7 +365,7 @@ class WheelsOnSoil:
         Returns
         -------
         load, resistance : ndarray
-            Shape (rows,), N; the second positive backward.
+            Shape (rows,), N; the resistance is positive backward.
         """
         diameter, width = self.at.diameter, self.at.width
         contact = Contact.at(diameter, sinkage, rut)
@@ -388,7 +396,7 @@ class WheelsOnSoil:
         return rut
 
     def traction(self, depth: Array, rut: Array | None = None) -> tuple[Array, Array]:
-        """Thrust and driving torque of the shear stress at a depth.
+        """Compute thrust and driving torque due to the shear stress at a depth.
 
         Parameters
         ----------

@@ -11,7 +11,7 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class RoverWheel:
-    """One wheel: size and place in base_link (x forward, y left), metres; steered: about its own middle."""
+    """One wheel: size and place in base_link (x forward, y left), m; a steered one turns about its middle."""
 
     name: str
     diameter: float
@@ -23,7 +23,17 @@ class RoverWheel:
 
 @dataclass(frozen=True)
 class SimulatedRover:
-    """Wheels on a rigid frame. Mass in kg; centre of gravity in m, its height above the ground."""
+    """Wheels on a rigid frame.
+
+    Attributes
+    ----------
+    mass
+        kg.
+    gravity_x, gravity_y
+        Centre of gravity in base_link, m.
+    gravity_height
+        Its height above the ground, m.
+    """
 
     wheels: tuple[RoverWheel, ...]
     mass: float = 24.0
@@ -96,10 +106,20 @@ ROVERS = {
 
 @dataclass(frozen=True)
 class Leg:
-    """Turn on the spot (rad), drive a distance (m, backward if negative) along a bend (1/m), stand (s).
+    """One leg of a route: turn on the spot, drive along a bend, stand.
 
-    crab: angle (rad) of the course to the left of the heading, for a vehicle all of whose wheels are
-    steered.
+    Attributes
+    ----------
+    metres
+        Distance to drive, m; backward if negative.
+    bend
+        Curvature of the path, 1/m.
+    turn
+        Angle to turn on the spot before that, rad.
+    stand
+        Time to stand, s.
+    crab
+        Angle of the course to the left of the heading, rad, for a vehicle all of whose wheels are steered.
     """
 
     metres: float = 0.0
@@ -116,20 +136,22 @@ class Sensors:
     Attributes
     ----------
     sinkage, load, torque, pull
-        Whether it is measured; the pull as often as the load. Without loads they are the weight's.
+        Whether it is measured; pull comes as often as load. Without measured loads, the weight is split
+        over the wheels.
     current
         Whether torque comes from a motor's current, which is 0 at standstill.
     noise_factor
         Factor on all noise.
     sinkage_told
-        Share of the sinkage in its stated variance, besides the noise; the true one is 0.03.
+        Part of the stated deviation that is proportional to the sinkage, 1, in addition to the noise; the
+        true one is 0.03.
     load_scale
         Factor by which each wheel's cell shows its load; empty: 1.
     encoder_steps
         Steps in a turn of a wheel.
     odometry
-        `own` comes from pictures or echoes, `wheels` from the joints, `filter` from joints and imu,
-        `half` from a filter of wheels and pictures; `pose` has places alone.
+        `own` comes from camera or lidar, `wheels` from the joints, `filter` from joints and imu, `half`
+        from a filter of wheels and camera; `pose` has positions only.
     lag, noise
         Delay of the odometry, s, and noise of its speed, m/s.
     alike
@@ -194,9 +216,9 @@ class World:
     law
         Name of the law of `wheel_laws`.
     slope
-        Deviation of the waves.
+        Standard deviation of the slope of the ground's waves, 1.
     swing
-        Size of the swing of the loads from one diagonal to the other, over the usual one.
+        How much load uneven ground shifts from one diagonal to the other, over the usual amount, 1.
     grip, own_grip, scatter
         Deviations of ln grip from place to place, of ln grip under each wheel, and of ln k.
     drift
@@ -211,7 +233,7 @@ class World:
     right
         ln of a factor on k under the right wheels.
     skid
-        Share of a turn that is reached, where all turns are made by skidding.
+        Share of a commanded turn that is reached, if the vehicle turns by skidding.
     differential
         Whether the wheels of an axle share its torque.
     spare

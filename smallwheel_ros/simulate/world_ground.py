@@ -113,7 +113,7 @@ class TrueGround:
         return np.asarray(cells, dtype=np.intp)
 
     def value(self, what: str, places: Array) -> Array:
-        """Sum of all features of one kind at places along the path.
+        """Sum up all features of one kind at places along the path.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class TrueGround:
 
 
 class Frame:
-    """A rigid frame whose weight rests on its wheels. spare: share of it on a wheel that is not listed."""
+    """A rigid frame whose weight rests on its wheels, and partly (`spare`) on one that is not listed."""
 
     def __init__(self, rover: SimulatedRover, spare: float) -> None:
         x = np.array([w.x for w in rover.wheels])
@@ -145,7 +145,7 @@ class Frame:
         self._diagonal = np.sign(x * y)
 
     def loads(self, climb: Any, roll: Any, gained: Any, twist: Any) -> Array:
-        """Load of each wheel.
+        """Compute the load of each wheel.
 
         Parameters
         ----------
@@ -254,7 +254,7 @@ def settle(ground: TrueGround) -> None:
 
 
 def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[Array], Array]:
-    """Pressure at depths in each cell.
+    """Make the function that gives the pressure at depths in each cell.
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ def _waves(
 
 
 def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
-    """Values in blocks of 0.5 to 2.5 m, with edges smoothed over 0.2 m.
+    """Draw values that are constant in blocks of 0.5 to 2.5 m, with edges smoothed over 0.2 m.
 
     Parameters
     ----------
@@ -353,7 +353,7 @@ def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
 
 
 def texture(rng: np.random.Generator, at: Array, deviation: float, length: float = 0.25) -> Array:
-    """Values along the path whose correlation falls exponentially with distance.
+    """Draw values along the path whose correlation falls exponentially with distance.
 
     Parameters
     ----------

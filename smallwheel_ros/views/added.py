@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def page(found: Added, pictures: bool = True) -> Page:
-    """The page of an effect that was added.
+    """Make the page of an effect that was added.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class Column(NamedTuple):
     right
         Whether it is right-aligned, as numbers are.
     bar
-        Gives the share (0 to 1) that is drawn in the background.
+        Returns the length (0 to 1) of a bar in the background of a row's cell; None for no bars.
     """
 
     header: str
@@ -171,7 +171,7 @@ class Callout:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under columns; empty columns are left out. strong: rows in bold."""
+    """Rows under columns; empty columns are left out. `strong` tells which rows are bold."""
 
     kind: ClassVar = "table"
     columns: Sequence[Column]
@@ -197,7 +197,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """Plots side by side on the page, and a picture file of that name. label: a description in words."""
+    """Plots side by side on the page, and a picture file of the name `name`."""
 
     kind: ClassVar = "figure"
     name: str
@@ -223,7 +223,19 @@ class Details:
 
 
 class Choice(NamedTuple):
-    """A model that can be chosen, alone or with others. chance: its probability, shown beside it."""
+    """A model or an effect that a reader can choose, alone or with others.
+
+    Attributes
+    ----------
+    value
+        Its key.
+    label, group
+        Its words on the page, and the heading that it stands under.
+    chance
+        Its probability, shown beside it, 0 to 1; None: none is shown.
+    chosen
+        Whether it is chosen at first.
+    """
 
     value: str
     label: str

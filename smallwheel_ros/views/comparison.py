@@ -76,7 +76,7 @@ _NO_RUNS = (
 
 
 def page(found: Comparison, pictures: bool = True) -> Page:
-    """The page of a comparison.
+    """Make the page of a comparison.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _differences(found: Comparison, channel: str) -> list[dict[str, Any]]:
 
 
 def best_sentences(found: Comparison, diagnosed: bool = False) -> list[str]:
-    """Say which model is best, one sentence a channel.
+    """Say which model is best, in a sentence for each channel.
 
     Parameters
     ----------
@@ -370,7 +370,7 @@ def _where(found: Comparison, part: Part) -> str:
 
 
 def caveats(found: Comparison, diagnosed: bool = False) -> list[str]:
-    """What to keep in mind of a comparison.
+    """List what a reader of a comparison should keep in mind.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ _MAY_BE_LOWER = (
 
 
 def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) -> Page:
-    """The page of a diagnosis.
+    """Make the page of a diagnosis.
 
     Parameters
     ----------
@@ -419,7 +419,7 @@ def _settings(settings: Row | None) -> str:
 
 
 def caveats(document: Document) -> list[str]:
-    """What to keep in mind of a diagnosis."""
+    """What a reader of a diagnosis should keep in mind."""
     notes = [str(note) for note in document["notes"]]
     held_out = "Errors of the diagnosis are held out: each run was predicted by a fit without it."
     return [

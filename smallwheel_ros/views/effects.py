@@ -43,7 +43,7 @@ _GROUPS = {"soil": "Effects", "instrument": "Errors of the instrument"}
 
 @dataclass(frozen=True)
 class View:
-    """A model with some effects: fitted to all runs, and its errors held out."""
+    """A model with some effects, fitted to all runs, and its held-out errors."""
 
     names: Names
     fit: FitResult
@@ -53,7 +53,7 @@ class View:
 def models_block(
     found: Diagnosis, every: bool = False, progress: Told = lambda done, needed: None
 ) -> Models | None:
-    """The block in which effects are set and unset.
+    """Make the block in which a reader sets and unsets effects.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def models_block(
     every
         Whether to fit all effects, not only the steps to the verdict and its rivals.
     progress
-        Called with the number of fits done and needed.
+        Called with the number of fits done and their total.
 
     Returns
     -------

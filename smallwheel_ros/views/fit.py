@@ -32,7 +32,7 @@ _TOGETHER = 0.5  # correlation under which a combination is hardly better known 
 
 
 def page(found: FitResult, pictures: bool = True) -> Page:
-    """The page of a fit.
+    """Make the page of a fit.
 
     Parameters
     ----------

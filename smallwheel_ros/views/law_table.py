@@ -39,7 +39,7 @@ _READ = (
 
 
 def page(found: Benchmark, pictures: bool = True) -> Page:
-    """The whole answer, the losses first.
+    """Make the page of the whole comparison, the losses first.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ _CAPTION = (
 
 
 def page(found: Learnt, pictures: bool = True) -> Page:
-    """The page of a learnt law.
+    """Make the page of a learnt law.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ _PREDICTED = ""  # in place of a setting: the prediction
 
 
 class Means(NamedTuple):
-    """Means over parts of a setting, and twice their standard errors over runs (NaN under three runs)."""
+    """Means over parts of a setting, and twice their standard errors over runs (NaN for fewer than three)."""
 
     x: Array
     y: Array
@@ -35,7 +35,7 @@ class Means(NamedTuple):
 
 
 class Left(NamedTuple):
-    """Residuals of one model. name, colour: those in the key."""
+    """Residuals of one model, with its name and colour in the plot's key."""
 
     errors: CvErrors
     name: str
@@ -43,7 +43,7 @@ class Left(NamedTuple):
 
 
 def means(x: Array, y: Array, run: Index) -> Means:
-    """Mean of y in eight parts of x with equally many rows, or at each of the few values of x.
+    """Average y over eight parts of x with equally many rows, or at each value of x if there are few.
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ def shown_channel(name: str) -> Display:
 
 
 def thinned(rows: Index, most: int = _POINTS) -> Index:
-    """The rows that a picture shows: all of them, or a random sample of the largest number allowed.
+    """Choose the rows that a picture shows: all, or a random sample if there are too many.
 
     Parameters
     ----------
     rows
-        Numbers of rows, shape (n,).
+        Indices of rows, shape (n,).
     most
         Largest number of rows.
 
@@ -107,7 +107,7 @@ def residual_panel(
     setting: str,
     floor: float | None = None,
 ) -> Panel:
-    """Points and means of the models' residuals over a setting.
+    """Make a plot of the models' residuals over a setting, as points and means.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def residual_panel(
 
 
 def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Panel:
-    """Measured over predicted, a series for each model, with the line of a perfect one.
+    """Make a plot of measured over predicted values, a series for each model, with the line of a perfect one.
 
     Points beyond the axes are not drawn, and counted in the title.
 
@@ -196,7 +196,7 @@ def leftovers(
     floors: Mapping[str, float | None],
     first: str | None = None,
 ) -> dict[str, Any]:
-    """Content of the block Models.
+    """Make the content of the block Models: residuals of each model, and the frames of their plots.
 
     Parameters
     ----------

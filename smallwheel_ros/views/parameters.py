@@ -15,7 +15,7 @@ _LARGE = 1e5  # from which a number has its power of ten
 
 
 def parameter_rows(fit: FitResult, derived: bool = False) -> list[Row]:
-    """The fitted numbers of a model.
+    """List the fitted numbers of a model.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def parameter_rows(fit: FitResult, derived: bool = False) -> list[Row]:
 
 def parameter_table(rows: Sequence[Row], caption: str = "Fitted parameters",
                     strong: Sequence[str] = ()) -> Table:  # fmt: skip
-    """Fitted numbers in degrees and millimetres.
+    """Make a table of fitted numbers, in degrees and millimetres.
 
     Parameters
     ----------

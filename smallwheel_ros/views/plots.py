@@ -65,7 +65,7 @@ class Layer:
 
 
 class Span(NamedTuple):
-    """A named stretch of the x-axis, with one shade for each kind."""
+    """A named range of the x-axis, in its unit, with one shade for each kind."""
 
     start: float
     end: float
@@ -82,7 +82,7 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar: name, value, its standard error, and a second, pale value. None if unknown."""
+    """A bar: name, value, its standard error, and a second value drawn pale; None for what is unknown."""
 
     name: str
     value: float | None
@@ -98,7 +98,7 @@ class Panel:
     Attributes
     ----------
     level
-        A dashed line across bars, with its name.
+        Value of a dashed line across the bars; `level_name` is written beside it.
     log
         Whether the y-axis is logarithmic.
     equal

@@ -16,7 +16,7 @@ _TWICE = (
 
 
 def page(found: Diagnosis, beside: Comparison, models: Models | None = None) -> Page:
-    """A diagnosis with a comparison of the same measurements.
+    """Make the page of a diagnosis with a comparison of models on the same measurements.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def page(found: Diagnosis, beside: Comparison, models: Models | None = None) -> 
     beside
         The comparison.
     models
-        Effects to set and unset; the steps to the verdict if not given.
+        The block in which effects are set and unset; that of the steps to the verdict if not given.
     """
     beside = compared.with_floors(beside, found.document)
     made = diagnosed.page(found, models=models)

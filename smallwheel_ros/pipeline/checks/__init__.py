@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is not to be believed, from which stamp on, and what is learnt of the sources of motion."""
+"""Decides which streams are doubted, and from which stamp on; learns how accurate sources of motion are."""

@@ -63,13 +63,13 @@ class Trust:
     of_wheels
         Whether the speed is computed from the wheels.
     may_be
-        Whether that is not known yet, so that it may be.
+        Whether it may be computed from the wheels, because that is not known yet.
     since
-        Time for which the message has repeated itself, s.
+        Time for which messages have repeated the same speed, s.
     way
         Path of the rims in that time, m.
     mean
-        Time before its stamp at which the speed holds, s.
+        How long before its stamp the speed held, s, where it is a mean over time.
     """
 
     variance: Array
@@ -108,12 +108,12 @@ class BelievedRows:
     streams
         Raw rows by stream, as kept.
     moves
-        Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: unknown) over ground as measured,
+        Speed (m/s), yaw rate (rad/s) and sideways speed (m/s, NaN: unknown) over ground as measured,
         (rows, 3).
     felt
         Rows of the imu, z up, and the speed by the imu alone, (rows, 9).
     trusted
-        What had been learnt about the speed by each of its messages, (rows, 12).
+        What had been learnt about the speed up to each of its messages, (rows, 12).
     doubted
         Which streams are doubted, each from a stamp on.
     since, done
@@ -202,7 +202,7 @@ class BelievedRows:
         return self.at(MOVES, instants)[:, :2]
 
     def aside(self, instants: Integers) -> Array:
-        """Speed (m/s) of the base frame to the left as measured over ground; NaN: unknown, (instants,)."""
+        """Speed (m/s) of the base frame to the left, as measured over ground, (instants,); NaN: unknown."""
         return self.at(MOVES, instants)[:, 2]
 
     @cached_property
@@ -234,8 +234,8 @@ class BelievedRows:
     def steering(self, instants: Integers) -> tuple[Array, Array]:
         """Angle (rad, to the left) and its rate (rad/s) of each wheel that rolls, (wheels, instants).
 
-        0 of a wheel that is not steered, NaN where an angle is not known. A rate is that of the last tenth of
-        a second.
+        Both are 0 for a wheel that is not steered, and NaN where an angle is not known. The rate is a mean
+        over the last tenth of a second.
         """
         rolling, steered = self.settings.rolling, self.settings.steered
         angle, rate = np.zeros((2, len(rolling), instants.size))
@@ -310,7 +310,7 @@ class BelievedRows:
         )
 
     def period(self, instants: Integers) -> Integers:
-        """Time (ns) between the messages of speed before each instant."""
+        """Period (ns) of the messages of speed, by those before each instant."""
         moves = self.moves.stamps
         if not moves.size:
             return np.zeros(instants.size, dtype=np.int64)
@@ -318,7 +318,7 @@ class BelievedRows:
         return np.asarray(np.minimum(self.moves.periods(moves)[row], self.rules.widest))
 
     def motion_anew(self) -> list[int]:
-        """Those stamps of `anew` whose cause was a stream of motion: ground speed, rims or imu."""
+        """The stamps in `anew` that are due to a stream of motion: ground speed, rims or imu."""
         tells = {
             self.source,
             IMU,

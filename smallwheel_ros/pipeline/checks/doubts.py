@@ -22,9 +22,14 @@ SHOWS_NO_SLIP = "odometry/speed"
 
 @dataclass(frozen=True)
 class Doubted:
-    """The set of doubted streams over time: each set holds after its stamp (ns) and up to the next one.
+    """The set of doubted streams over time: each set holds after its stamp and up to the next one.
 
-    stamps: the beginning of each set but the first, which holds before any stamp.
+    Attributes
+    ----------
+    stamps
+        Beginning of each set but the first, ns.
+    streams
+        The sets; the first one holds up to the first stamp.
     """
 
     stamps: tuple[int, ...] = ()
@@ -76,7 +81,12 @@ NO_DOUBT = Doubted()
 class Doubts:
     """The doubts that the checks have recorded.
 
-    now: the streams doubted at the newest stamp. began: stamps at which a new doubt began, ns.
+    Attributes
+    ----------
+    now
+        The streams doubted at the newest stamp.
+    began
+        Stamps at which a new doubt began, ns.
     """
 
     def __init__(self) -> None:

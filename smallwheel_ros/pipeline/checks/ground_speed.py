@@ -102,8 +102,14 @@ class _Sums:
 class GroundSpeed:
     """Ground speed and imu samples, with what has been learnt of their accuracy, lag and independence.
 
-    moves: speed (m/s), yaw rate (rad/s) and, for a vehicle that steers, sideways speed (m/s). felt: the
-    imu's rows, z up, and the speed by the imu alone. posed: whether the speed is taken from the pose.
+    Attributes
+    ----------
+    moves
+        Speed (m/s), yaw rate (rad/s) and, for a vehicle that steers, sideways speed (m/s).
+    felt
+        The imu's rows, z up, and the speed by the imu alone.
+    posed
+        Whether the speed is computed from the pose.
     """
 
     def __init__(self, settings: OnboardSettings, doubts: Doubts | None = None) -> None:
@@ -142,7 +148,7 @@ class GroundSpeed:
     def believed(
         self, since: int, done: int, began: tuple[int, ...] = (), anew: tuple[int, ...] = ()
     ) -> BelievedRows:
-        """Believed rows, with everything learnt up to the newest one.
+        """Return the rows with their doubts, and with everything learnt up to the newest one.
 
         Parameters
         ----------

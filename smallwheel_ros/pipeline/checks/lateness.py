@@ -55,16 +55,16 @@ _RADII = (
 
 
 class Lag:
-    """How much later a speed comes than the motion it follows: the delay in `LAGS` of largest correlation."""
+    """Estimates the delay of a speed after the motion it shows: the one in `LAGS` of largest correlation."""
 
     def __init__(self) -> None:
         self._sums, self._found = np.zeros((6, LAGS.size)), math.nan
 
     def take(self, late: Array, early: Array) -> Array:
-        """The lag of the speed at each row.
+        """Estimate the lag of the speed at each row.
 
-        A lag once found is kept when the speed no longer follows: on ground that gives way a speed
-        does not follow the rims, without being any later.
+        Where the speed no longer follows the rims the last lag is kept: on ground that gives way the speed
+        departs from the rims without being any later.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class Lag:
         Returns
         -------
         ndarray
-            Shape (rows,), s; NaN until one is found.
+            Shape (rows,), s; NaN until the speed has followed the motion once.
         """
         good = np.isfinite(late) & np.isfinite(early).all(axis=1)
         good &= (np.abs(early) > _TURNS).any(axis=1)
@@ -106,7 +106,7 @@ class Lag:
 
 
 class OfWheels:
-    """Whether an odometry is, or may be, computed from the wheels, and what share of its path is not."""
+    """Judges whether an odometry is, or may be, computed from the wheels, by comparing their paths."""
 
     def __init__(self) -> None:
         self._total, self._last = np.zeros((2, 4))
@@ -114,7 +114,7 @@ class OfWheels:
         self._made, self._may_be, self._share = False, True, math.nan
 
     def take(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags, Array]:
-        """Judge by its agreement with the rims over the last pieces of path.
+        """Judge an odometry by its agreement with the rims over the last pieces of path.
 
         Parameters
         ----------
@@ -153,14 +153,14 @@ class OfWheels:
 
 
 class Against:
-    """Whether nearly all of the path so far runs against the rims, and whether the vehicle may slide back.
+    """Judges whether nearly all of the path so far runs against the rims, and whether it may be a slide back.
 
     Where the speed is backward while the rims drive ahead, either speed or joints have the wrong sign,
     and show no slip; or the vehicle slides down a slope while its wheels drive up, and the speed shows
-    all of the slip. An imu that has been standing before feels which way the vehicle goes. Otherwise the
-    slope along the way decides: no vehicle slides uphill or on level ground. Without a slope, a speed of
-    the wrong sign is recognised by its size, which is that of the rims apart from its delay: a slide that
-    is just as fast cannot be told from it.
+    all of the slip. If the vehicle stood before, its imu feels which way it then goes. Otherwise the slope
+    along the path decides: no vehicle slides uphill or on level ground. Without a slope, a speed of the wrong
+    sign is recognised by its magnitude, which, apart from its delay, equals that of the rims: a slide that is
+    just as fast cannot be distinguished from it.
     """
 
     def __init__(self) -> None:
@@ -169,7 +169,7 @@ class Against:
     def take(
         self, rims: Array, turn: Array, speed: Array, passed: Array, rise: Array, felt: Array
     ) -> tuple[Array, Flags]:
-        """Distance driven against the rims up to each row, and whether it may have been a slide.
+        """Compute the distance driven against the rims up to each row, and whether it may have been a slide.
 
         Parameters
         ----------
@@ -185,8 +185,8 @@ class Against:
         rise
             Sine of the slope, nose up, shape (rows,); NaN if unknown.
         felt
-            Felt by the imu ahead, less the slope by its own orientation, shape (rows,), m/s^2; NaN if
-            unknown.
+            Specific force ahead by the imu, minus gravity's part by its own orientation, shape (rows,),
+            m/s^2; NaN if unknown.
 
         Returns
         -------

@@ -31,7 +31,7 @@ SOFTEST, HARDEST = (
 
 
 class HeldColumn:
-    """Path over which one wheel shows a bit-identical number while most others keep changing."""
+    """Measures the path over which one wheel repeats a number bit for bit while most others keep changing."""
 
     def __init__(self, what: str, vehicle: CheckedWheels) -> None:
         self.what, self.names = what, vehicle.names
@@ -63,7 +63,7 @@ class HeldColumn:
 
 
 class Weight:
-    """Whether the loads add up to the weight: median of their sum over m g."""
+    """Compares the sum of the loads with the weight, by the median of their ratio."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle, self.sums = vehicle, Medians()
@@ -105,7 +105,7 @@ class Weight:
 
 
 class Swapped:
-    """Which wheel's sinkage follows which wheel's load: changes of the logarithms of means over 0.2 m."""
+    """Finds sinkages that follow the load of another wheel, by changes of ln of means over 0.2 m of path."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, n = vehicle.names, len(vehicle.names)
@@ -118,7 +118,7 @@ class Swapped:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        A piece of path is used two pieces later, when no row of it is missing any more.
+        A piece of path is used two pieces later, when all of its rows have arrived.
         """
         if window.loads is None or window.sinkages is None or window.rims is None:
             return []

@@ -43,7 +43,7 @@ class NoTwist:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        It reports while no twist has come at all.
+        It reports as long as every twist so far was 0.
         """
         way = window.memory.known.no_twist
         text = (
@@ -231,7 +231,7 @@ class FeltGravity:
 
 
 class Tilt:
-    """The tilt that the imu shows at standstills: a zero turns with the vehicle, a slope does not.
+    """Compares the tilt that the imu shows at standstills: a zero turns with the vehicle, a slope does not.
 
     Model: ahead = e cos a + n sin a + p, left = n cos a - e sin a + r (e, n: slope of the ground; p, r:
     zeros of the imu; a: heading), fitted by least squares with prior deviations `USUAL`.

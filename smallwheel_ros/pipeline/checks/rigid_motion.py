@@ -31,7 +31,7 @@ def places_of(
     Parameters
     ----------
     wheels
-        Their own places are those when they point straight ahead.
+        The wheels, with the places that they have when they point straight ahead.
     angle
         Steering angles, shape (wheels, instants), rad.
     arm
@@ -96,7 +96,7 @@ def rigid_motion(rims: Array, x: Array, y: Array, angle: Array) -> Array:
     Parameters
     ----------
     rims
-        m/s, shape (wheels, instants); wheels of which rim or angle is NaN do not count.
+        Speeds of the rims, m/s, shape (wheels, instants); a wheel whose rim or angle is NaN does not count.
     x, y, angle
         Place (m) and angle (rad) of each wheel, of the same shape.
 

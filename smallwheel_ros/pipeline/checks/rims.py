@@ -29,7 +29,7 @@ _UNIT_NEAR = 0.85, 1.5  # of a unit's factor: a slip of -0.2 to 0.3
 
 
 class Mirrored:
-    """Straight path, and the share of it over which each joint turned against the direction of travel."""
+    """Measures the share of the straight path over which each joint turned against the vehicle's travel."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names = vehicle.names
@@ -100,8 +100,8 @@ class Dead:
 class Held:
     """How often most other joints change while one repeats the same value, not 0, bit for bit.
 
-    The largest value seen is excused if joints of both sides have shown it, as it is a limit of the
-    drivers; so is a value that another joint repeats bit for bit at the same time.
+    Two kinds of values are excused: the largest one seen, if joints of both sides have shown it, since it is
+    then a limit of the motor drivers; and one that another joint repeats bit for bit at the same time.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:

@@ -101,7 +101,7 @@ from .window import AROUND, SPAN, CheckedWheels, Memory, Raw, Window
 
 
 class Judge(Protocol):
-    """A rule at work on one vehicle: processes one span after the other."""
+    """A rule applied to one vehicle: it processes one span after the other."""
 
     def take(self, window: Window) -> list[Said]:
         """What the rule reports at the end of this span."""
@@ -346,7 +346,17 @@ RULES: tuple[Rule, ...] = (
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault that was found. stamp: when it was judged, ns; text: what, since when, and what to do."""
+    """A fault that a rule reports.
+
+    Attributes
+    ----------
+    stamp
+        Stamp at which it was judged, ns.
+    rule, subject
+        Name of the rule, and the wheel or source at fault.
+    text
+        What is wrong, since when, and what to do.
+    """
 
     stamp: int
     rule: str
@@ -355,19 +365,19 @@ class Finding:
 
 
 class Checks:
-    """The rules at work on one vehicle.
+    """Applies the rules to one vehicle.
 
     Attributes
     ----------
     doubted
-        Streams that are not to be used now, each with the stamp since when, ns; 0: from the beginning.
+        Streams that are not to be used now, each with the stamp from which this holds, ns; 0: the beginning.
     anew
         Stamps (ns) at which the soil is learnt anew, because a stream that it was learnt from turned
         out to have been wrong from the beginning; one stamp for each such stream.
     done
         Stamp (ns) up to which raw rows were taken.
     holds
-        Faults that hold in the newest span.
+        Faults that the rules report in the newest span.
     """
 
     def __init__(

@@ -27,7 +27,10 @@ _PAST = 2 * SECOND  # what is learnt of an odometry looks so far back, and its l
 class SensorChecks:
     """Checks of one vehicle's sensors.
 
-    findings: what was found in the newest rows, each given once.
+    Attributes
+    ----------
+    findings
+        Faults found in the newest rows, each given once.
     """
 
     def __init__(self, settings: OnboardSettings) -> None:

@@ -39,9 +39,12 @@ _NOTHING = 1e-12  # m^2/s^2: of signs that have no part in how the vehicle moves
 
 
 class SteeringSign:
-    """For sets of wheels, the residual that reversed signs remove, and what they would if that were right.
+    """Compares, for sets of wheels, the residual that reversed signs remove with that expected of right ones.
 
-    removed, expected : sums over spans of squares (m^2/s^2), and of their products.
+    Attributes
+    ----------
+    removed, expected
+        Squares of the residual that was removed and of that expected, summed over spans, m^2/s^2.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:

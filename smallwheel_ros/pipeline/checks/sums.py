@@ -53,10 +53,16 @@ class Said:
 
 
 class Run:
-    """Sum of an amount over consecutive rows that are all flagged.
+    """Sum of an amount over consecutive rows that are all flagged, in the unit of the amount.
 
-    now: the sum at the last row. most: the largest sum within the last span. began: stamp (s) of the first
-    row of that one.
+    Attributes
+    ----------
+    now
+        The sum at the last row.
+    most
+        The largest sum within the last span.
+    began
+        Stamp of the first row in that sum, s.
     """
 
     def __init__(self) -> None:
@@ -132,7 +138,7 @@ class Pieces:
 
 
 class RunningAgreement:
-    """Correlation about 0 of two rates, weighted by time; 0 until the second one has turned by `least`."""
+    """Correlation about 0 of two rates, weighted by time; 0 until the second has added up to `least`."""
 
     def __init__(self, least: float) -> None:
         self.least = least
@@ -160,11 +166,11 @@ class RunningAgreement:
 
 
 class RunningDeviation:
-    """Standard deviation of errors at each row, from the size that a share `WITHIN` of them keeps to.
+    """Standard deviation of errors at each row, from the quantile `WITHIN` of their sizes.
 
-    Errors of odometries have heavier tails than normal ones: a mean of squares would be that of the
-    worst few. Sizes are counted in bins of a factor of 1.2, so that a row depends on all rows before it
-    and on no cut.
+    Errors of odometries have heavier tails than normal ones: the few worst would dominate a mean of squares.
+    Sizes are counted in bins, each 1.2 times as large as the one before, so that the result at a row depends
+    on all rows before it, and not on where blocks are cut.
     """
 
     def __init__(self, count: float) -> None:
@@ -182,7 +188,7 @@ class RunningDeviation:
         sizes
             Absolute errors, shape (rows,).
         before
-            Deviation without any of them, shape (rows,), over 0, same unit.
+            Deviation to assume before any error has come, shape (rows,), above 0, same unit.
 
         Returns
         -------
@@ -206,7 +212,7 @@ class RunningDeviation:
 
 
 class Medians:
-    """Median of the medians of spans, column by column."""
+    """Keeps the median of each of the newest `most` spans, and returns the median of these, by column."""
 
     def __init__(self, most: int = MOST_SPANS) -> None:
         self._rows: deque[Array] = deque(maxlen=most)

@@ -36,10 +36,20 @@ Raw = Mapping[str, tuple[Integers, Array]]  # of streams: stamps (ns) and values
 
 @dataclass(frozen=True)
 class CheckedWheels:
-    """The rolling wheels with measured rim speeds; arrays have one value for each.
+    """The rolling wheels with measured rim speeds; arrays of shape (wheels,).
 
-    x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known. gravity: m/s^2. steered:
-    names of the steered ones.
+    Attributes
+    ----------
+    x, y
+        Places ahead and to the left of the base frame, m.
+    radius
+        m.
+    mass
+        Mass of the vehicle, kg; 0: not known.
+    gravity
+        m/s^2.
+    steered
+        Names of the steered wheels.
     """
 
     names: tuple[str, ...]
@@ -106,7 +116,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Source(Rows):
-    """Rows of one source, with everything that rules need of each of them.
+    """Rows of one source, with all that rules read of each row.
 
     Attributes
     ----------
@@ -171,13 +181,14 @@ class Known:
         For an odometry computed from the wheels, share of the way by which it differs from a multiple of the
         rims'; NaN for an independent one.
     no_twist
-        Distance by the pose while no twist has come, m; NaN once one has.
+        Distance by the pose while every twist was 0, m; NaN once one was not.
     down
         Whether z of the imu points down.
     against
-        Distance driven against the rims, m, if that is nearly all of it; else 0.
+        Distance over which the speed goes against the rims, m, if that is nearly all of the distance; else 0.
     slides
-        Whether nearly all of the distance was, but the vehicle may be sliding down a slope.
+        Whether it goes against the rims over nearly all of the distance, but the vehicle may be sliding down
+        a slope.
     """
 
     share: float = math.nan
@@ -193,13 +204,13 @@ class Known:
 
     @cached_property
     def twist(self) -> bool:
-        """Whether a twist has come."""
+        """Whether any twist was other than 0."""
         return math.isnan(self.no_twist)
 
 
 @dataclass
 class Memory:
-    """What earlier spans have shown and the rules for this span need.
+    """What earlier spans have shown, as far as the rules need it for this span.
 
     Attributes
     ----------
@@ -222,7 +233,16 @@ class Memory:
 class Window:
     """The rows of all sources in a span and around it; a source without rows is None.
 
-    begin: stamp at which the span begins, ns. rims: speeds at the rim, m/s.
+    Parameters
+    ----------
+    vehicle
+        The wheels.
+    raw
+        Rows of each stream.
+    begin
+        Stamp at which the span begins, ns.
+    memory
+        What earlier spans have shown.
     """
 
     def __init__(self, vehicle: CheckedWheels, raw: Raw, begin: int, memory: Memory) -> None:
@@ -330,8 +350,8 @@ class Window:
     def direction_at(self, t: Array) -> Array:
         """Angle (rad) between the vehicle's direction of travel and its heading, by poses 0.5 s apart.
 
-        Within 90 degrees of ahead, also when it backs up. NaN if unknown, as with poses computed from the
-        wheels.
+        Within 90 degrees of straight ahead, also when it backs up. NaN if unknown, as with poses that are
+        computed from the wheels.
         """
         o = self.odometry
         if o is None or self.memory.known.of_wheels or not o.x[:, [X, Y]].any():
@@ -379,10 +399,19 @@ class Window:
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the rims over the span, a row for each of their stamps.
+    """Motion of the vehicle over the span, a row for each stamp of the rims.
 
-    Times, stamps and durations (s), rims (m/s), speed, yaw rates, and which rows are straight. For
-    steered wheels the rims are their components along the heading, NaN at large angles.
+    Attributes
+    ----------
+    t, stamp, dt
+        Time from the beginning of the span, stamp, and how long the row is valid, s.
+    rim
+        Speeds of the rims, m/s, (rows, wheels); for steered wheels their component along the heading, NaN at
+        large angles.
+    v, w, gyro
+        Speed over ground (m/s), and yaw rate by the odometry and by the gyro (rad/s).
+    straight, inside
+        Whether the vehicle drives straight; whether the row lies in the span itself.
     """
 
     t: Array

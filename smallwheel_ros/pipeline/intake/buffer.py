@@ -23,8 +23,18 @@ _WIDEST = 3 * SECOND // 2  # over more nothing is interpolated, and slip over it
 class StampRules:
     """Rules for stamps; all times in ns.
 
-    How long a silent stream is waited for, how long values are held, and what counts as a jump of time.
-    future, age: how far a stamp may be ahead of the clock, and how old.
+    Attributes
+    ----------
+    silence
+        How long a silent stream is waited for.
+    reorder
+        How much later than the newest message of any stream a message may arrive.
+    gap
+        How long a value is held, at least.
+    jump
+        How far time has to go back to count as a jump.
+    future, age
+        How far a stamp may be ahead of the clock, and how far behind it.
     """
 
     silence: int = SECOND
@@ -171,7 +181,7 @@ class Sampled:
 
 @dataclass(frozen=True)
 class Samples(Sampled):
-    """A snapshot of a stream's rows, which stays the same while the stream grows."""
+    """A snapshot of a stream's rows, which stays the same while the stream grows; fields as in `Sampled`."""
 
     stamps: Integers
     values: Array
@@ -181,7 +191,12 @@ class Samples(Sampled):
 class Stream(Sampled):
     """Stamps (ns) and rows of values of one stream, in the order of the stamps.
 
-    width: values in a row. newest: the newest stamp that was kept.
+    Attributes
+    ----------
+    width
+        Number of values in a row.
+    newest
+        The newest stamp that was kept, ns.
     """
 
     def __init__(self, name: str, width: int) -> None:

@@ -29,11 +29,19 @@ _ORDERS = {b"\x00\x00": "big", b"\x00\x01": "little"}  # of plain CDR (DDS-XType
 
 
 class MessageLayout:
-    """Where the numbers of a message stand in its bytes.
+    """Position of each number in the bytes of a serialised message.
 
-    places: by path, such as 'wrench.force.z'; strings: texts by path.
+    Attributes
+    ----------
+    places
+        Position of each number, by its path, such as 'wrench.force.z'.
+    strings
+        Texts of the message, by path.
 
-    Raises ValueError where the bytes are no message of the type.
+    Raises
+    ------
+    ValueError
+        If the bytes are not a message of the type.
     """
 
     def __init__(self, types: Any, kind: str, raw: bytes) -> None:
@@ -104,7 +112,7 @@ class MessageLayout:
 
 
 class MessageNumbers(Mapping[str, Array]):
-    """Numbers of messages of one layout by path, each of shape (messages, count), read on demand."""
+    """The numbers in messages of one layout, by path, each of shape (messages, count), read on demand."""
 
     def __init__(self, layout: MessageLayout, table: NDArray[np.uint8]) -> None:
         self._layout, self._table = layout, table
@@ -125,7 +133,17 @@ class MessageNumbers(Mapping[str, Array]):
 class Decoder:
     """Reads messages of one topic into columns.
 
-    kind: their type. problems: counts of unreadable messages, by reason.
+    Parameters
+    ----------
+    types
+        Store of the definitions of message types.
+    kind
+        Type of the messages.
+
+    Attributes
+    ----------
+    problems
+        Number of unreadable messages, by reason.
     """
 
     def __init__(self, types: Any, kind: str) -> None:

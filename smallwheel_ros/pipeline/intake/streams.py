@@ -53,15 +53,24 @@ def _halves(rows: Arrivals, middle: int) -> tuple[Arrivals, Arrivals]:
 
 
 class Streams:
-    """All streams of a vehicle.
+    """The streams of a vehicle: keeps the rows of messages, and counts messages that cannot be used.
 
-    fastest: m/s; rows with a higher speed are refused. on_jump: called when time has gone back, before the
-    first message of the new time is kept, so that the owner can take the complete rows and start again.
+    Parameters
+    ----------
+    widths
+        Number of values in a row, by stream.
+    rules
+        Rules for stamps.
+    on_jump
+        Called when time has gone back, before the first message of the new time is kept, so that the owner
+        can take the complete rows and start again.
 
     Attributes
     ----------
     problems
-        Counts of messages not kept, or not wholly used, by stream and reason; words: an example of each.
+        Number of messages that were not kept, or used only in part, by stream and reason.
+    words
+        An example of each problem, in words.
     """
 
     def __init__(
@@ -118,7 +127,7 @@ class Streams:
     def add_rows(self, rows: Arrivals, clock: Integers | None = None) -> None:
         """Keep the rows of many messages.
 
-        The result is that of calling `add` for each row, which is done only near refused rows.
+        The result is the same as if `add` were called for each row, but that is done only near refused rows.
 
         Parameters
         ----------

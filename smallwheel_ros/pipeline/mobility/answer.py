@@ -82,14 +82,15 @@ class KnownGround(NamedTuple):
 
 @dataclass
 class AnswerState:
-    """State carried from block to block, by number of the wheel.
+    """State carried from block to block.
 
     Attributes
     ----------
     newest
-        Stamp, load (N), margin, its deviation, and the reserve beyond it, of the newest row.
+        For each wheel, by number: stamp (ns), load (N), margin, its standard deviation, and the gain of
+        margin beyond the reference slip, of its newest row.
     shown
-        Newest measured sinkages, m.
+        For each wheel, its newest measured sinkages, m.
     risk
         Newest risk of getting stuck, 0 to 1, or NaN.
     slopes
@@ -108,7 +109,7 @@ def answer(
     state: AnswerState, rows: Readings, judged: Judged, ground: OnGround, known: KnownGround,
     settings: OnboardSettings,
 ) -> Estimates:  # fmt: skip
-    """Estimates of the rows that are due.
+    """Compute the estimates of all rows that are due.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ class VehicleEstimates(Columns):
     slip, slip_left, slip_right
         1, of the middle wheel, and of each side.
     margin, information
-        1; and the share of its information beyond any ground's, 0 to 1.
+        1; and how much this drive has added to what is known of any ground, 0 to 1 (`margin.information`).
     slope_ahead, slope_across
         rad, nose up, left side up.
     demand, risk
@@ -71,7 +71,7 @@ class VehicleEstimates(Columns):
     energy
         J/m, of all wheels.
     soil, at_border
-        How many borders were crossed; whether some wheels are still on the soil before the last one.
+        How many borders between soils were crossed; whether some wheels have not crossed the last one yet.
     """
 
     stamp: Integers
@@ -118,7 +118,7 @@ class VehicleState:
         self, heard: Integers, instants: Instants | None, warned: Warned | None, stuck: Flags,
         rows: Readings, judged: Judged, estimates: Estimates, soils: Versions[Version],
     ) -> VehicleEstimates:  # fmt: skip
-        """Process a block.
+        """Estimate the vehicle at the end of each tenth of a second in a block.
 
         Parameters
         ----------

@@ -38,8 +38,13 @@ _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter, among which the best 
 class Predicted(Mobility):
     """Predicted mobility; the margin is that of the strength's filter.
 
-    sunk: whether the soil fails to carry the load. beyond: pull over load gained from the reference slip to
-    the slip at which the vehicle no longer moves.
+    Attributes
+    ----------
+    sunk
+        Whether the soil fails to carry the load, shape (rows,).
+    beyond
+        Gain of pull over load from the reference slip to the slip at which the vehicle no longer moves, 1,
+        shape (rows,).
     """
 
     sunk: Flags
@@ -57,7 +62,7 @@ def mobility(
     rows: Readings, load: Array, load_std: Array, law: Integers, strength: Integers, soils: Versions[Version],
     strengths: Strengths, settings: OnboardSettings,
 ) -> Predicted:  # fmt: skip
-    """Mobility of the wheels at these rows.
+    """Predict the mobility of the wheels at these rows.
 
     Parameters
     ----------

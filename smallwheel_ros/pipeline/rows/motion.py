@@ -172,11 +172,11 @@ def _onward(state: MotionState, rows: Aligned) -> Flags:
 def rut_of(
     wheels: tuple[Wheel, ...], wheel: Integers, onward: Flags, number: Array
 ) -> tuple[Array, Array]:
-    """Rut depth that a wheel meets at its pass number, in units of the deepening by the first pass.
+    """Depth of the rut that a wheel meets at its pass number, in units of how much the first pass deepens it.
 
     Where the number is unknown, the wheels ahead in the track are counted. By one law ruts deepen with
-    a power of the number (Holm 1969), so that their logarithm goes with log2 n; by the other the first
-    passes do most of the compaction, as 2 (1 - 1/n). The value is half way between the two.
+    a power of the number (Holm 1969), so that ln depth is proportional to log2 n; by another the first
+    passes do most of the compaction, as 2 (1 - 1/n). The value is the mean of the two.
 
     Parameters
     ----------

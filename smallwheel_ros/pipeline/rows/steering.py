@@ -88,7 +88,7 @@ def _reach(settings: OnboardSettings, number: int) -> float:
 def speed_aside(
     settings: OnboardSettings, told: Array, ahead: Array, turn: Array, course: Array
 ) -> Array:
-    """Sideways speed of the base frame; where it is not measured, the one that the wheels' angles imply.
+    """Compute the sideways speed of the base frame: as measured, or as the wheels' angles imply.
 
     Wheels that are not steered allow no sideways motion of the line that they stand on. Where all are
     steered, the vehicle goes in the direction of its rims, at its speed ahead; nearly sideways that is
@@ -121,9 +121,9 @@ def speed_aside(
 
 
 class Course:
-    """Direction of travel of the vehicle by its rims, within 90 degrees of ahead, also when it backs up.
+    """Direction of travel of the vehicle by its rims, within 90 degrees of straight ahead, also in reverse.
 
-    Kept while the vehicle hardly moves or the rims do not determine it.
+    The last one is kept while the vehicle hardly moves, or while the rims do not determine it.
     """
 
     def __init__(self) -> None:

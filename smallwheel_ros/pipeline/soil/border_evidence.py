@@ -48,7 +48,7 @@ class Border(NamedTuple):
     suspected
         Whether there may be a border.
     found
-        Whether there surely is one.
+        Whether the evidence suffices to report it.
     """
 
     place: float = math.nan
@@ -58,7 +58,7 @@ class Border(NamedTuple):
 
 
 def border_ahead(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
-    """The likeliest border among stretches of leading wheels that the law has not used yet.
+    """Find the likeliest border among stretches of leading wheels that the law has not used yet.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def border_ahead(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
 
 
 def border_behind(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
-    """The likeliest border among all stretches since an earlier state of the law.
+    """Find the likeliest border among all stretches since an earlier state of the law.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ Law = tuple[Array, Array]  # mean (3,) and covariance (3, 3)
 
 
 class Member:
-    """One filter of the bank: filterpy's, with x - x0 as its state."""
+    """One filter of the bank: a filter of filterpy, whose state is x - x0."""
 
     def __init__(self, model: LawModel, mean: Array, covariance: Array, log_share: float) -> None:
         self.model = model
@@ -406,11 +406,11 @@ class SoilFilter:
         Parameters
         ----------
         law
-            The remembered law; None for the prior's.
+            The remembered law; None for that of the prior.
         shift
             ln of the factor by which the sinkage changes at the border.
         distance
-            Vehicle's path at the newest stretch that waits, m.
+            Path of the vehicle at the newest stretch that has not been used yet, m.
         """
         self._border = ((shift / (self.mean[N] + 0.5)) ** 2, distance + _UNSETTLED)
         for i, member in enumerate(self.bank):
@@ -458,12 +458,12 @@ class SoilFilter:
         self._mix()
 
     def log_likelihood(self, law: Law | None, rows: Stretches) -> float:
-        """ln likelihood of stretches under a law, in ln of sinkage, linearised about the law.
+        """Compute ln likelihood of stretches under a law, in ln of sinkage, linearised about the law.
 
         Parameters
         ----------
         law
-            A remembered law; None for the prior's.
+            A remembered law; None for that of the prior.
         rows
             The stretches.
         """

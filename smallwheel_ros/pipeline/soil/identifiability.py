@@ -224,7 +224,7 @@ class SoilEstimate:
 
 
 def seen_as(slopes: Array, covariance: Array) -> Array:
-    """Covariance of slopes @ x, exactly symmetric.
+    """Compute the covariance of slopes @ x, exactly symmetric.
 
     Parameters
     ----------

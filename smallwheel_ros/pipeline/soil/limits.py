@@ -60,8 +60,12 @@ _GROUPS = (
 class StateBelief:
     """Estimated errors of sensors and ground: the filter's state apart from the soil's own parameters.
 
-    slopes: slopes of (ln pressure at the reference, n, m) by the state, (3, size). mean, covariance: those of
-    the state.
+    Attributes
+    ----------
+    slopes
+        Slopes of (ln pressure at the reference, n, m) by the state, (3, size).
+    mean, covariance
+        Mean and covariance of the state, (size,) and (size, size).
     """
 
     slopes: Array
@@ -71,7 +75,10 @@ class StateBelief:
     def limits(self, rows: Array) -> list[str]:
         """Name what limits some parameters, where it is not the amount of data.
 
-        rows: slopes of the parameters by (ln pressure, n, m), (parameters, 3).
+        Parameters
+        ----------
+        rows
+            Slopes of the parameters by (ln pressure, n, m), (parameters, 3).
         """
         by_state = rows @ self.slopes
         across = by_state @ self.covariance

@@ -91,16 +91,17 @@ class Version:
 
 @dataclass(frozen=True)
 class LocalLaws(Columns):
-    """Law under each wheel, its rut and side included, and scale and zero of its load cell.
+    """Law of the soil under each wheel, in its rut and on its side, and the errors of its load cell.
 
     Attributes
     ----------
     law
-        ln pressure at the soil's reference, n and m, (rows, 3).
+        ln pressure (Pa) at the soil's reference, n and m, (rows, 3).
     log_scale, zero
-        ln of the load cell's scale; its zero, N.
+        ln of the load cell's scale; its zero, N, (rows,).
     covariance
-        Covariance of the law, and of ln load due to the scale and, per N^-1, to the zero, (rows, 5, 5).
+        Covariance of `law`, and of the errors of `-log_scale` and `-zero`, in the product of their units,
+        (rows, 5, 5).
     """
 
     law: Array
@@ -109,7 +110,7 @@ class LocalLaws(Columns):
     covariance: Array
 
     def net(self, shown: Array) -> Array:
-        """Displayed loads (N) less the cells' zeros."""
+        """Loads (N) as shown by the cells, minus the cells' zeros."""
         net: Array = np.maximum(shown - self.zero, LEAST_SHARE * shown)
         return net
 
@@ -129,7 +130,7 @@ class LocalLaws(Columns):
 def local_laws(
     versions: Versions[Version], wheels: Sequence[Wheel], rows: Readings, version: Integers
 ) -> LocalLaws:
-    """The laws under wheels.
+    """Compute the law under each wheel.
 
     Parameters
     ----------
@@ -174,7 +175,7 @@ def local_laws(
 def sinkages(
     versions: Versions[Version], rows: WheelsUnderLoad, version: Integers
 ) -> tuple[Array, Array]:
-    """Sinkage of wheels, and its variance due to law, place and load.
+    """Predict the sinkage of wheels, and its variance due to law, place and load.
 
     Parameters
     ----------
@@ -222,7 +223,15 @@ def law_of(version: Version) -> Law:
 
 
 class Reported:
-    """Makes reports of a soil at the reference sinkage and a diameter (m), with the prior's covariance."""
+    """Turns versions of a soil's law into estimates, stated at the reference sinkage and one diameter.
+
+    Parameters
+    ----------
+    prior
+        Prior of the soil, whose covariance the estimates include for comparison.
+    diameter
+        The diameter, m.
+    """
 
     def __init__(self, prior: SoilPrior, diameter: float) -> None:
         self._at = REFERENCE_SINKAGE, diameter

@@ -66,7 +66,7 @@ class EffectScore:
     Attributes
     ----------
     form, strength
-        Its best form, and the linear fit's value of that form's first parameter.
+        The family's best form, and the first parameter of that form by a linear fit, in its unit.
     statistic
         Twice the gain in log likelihood.
     follows
@@ -134,14 +134,19 @@ class _Trial(NamedTuple):
 class MissingEffectWatch:
     """Watches for effects that the model lacks.
 
-    Attributes
+    Parameters
     ----------
     effects
         Effects of the model.
+    wheels
+        All wheels.
     length
         Length of a stretch, m.
     prior
         Prior of the soil: the laws that are tried have its strength, name and geometry.
+
+    Attributes
+    ----------
     alarm
         The effect that is missing; None while there is no alarm.
     scores
@@ -343,7 +348,7 @@ class Changes(NamedTuple):
     later, earlier
         Indices of the two stretches of each pair, shape (pairs,).
     deviation
-        Deviation of each change in ln sinkage, shape (pairs,), up to a common factor.
+        Standard deviation of each change in ln sinkage, shape (pairs,), up to a common factor.
     """
 
     log_sinkage: Array
@@ -363,7 +368,7 @@ class Changes(NamedTuple):
 
 
 class StretchChanges:
-    """Keeps the stretches of the last `window` metres, by wheel. length: length of a stretch, m."""
+    """Keeps the stretches of the last `window` metres, by wheel; `length` is that of a stretch, m."""
 
     def __init__(self, wheels: tuple[Wheel, ...], length: float, window: float) -> None:
         self._wheels, self._length, self._window = wheels, length, window
@@ -426,7 +431,7 @@ def robust_fit(y: Array, columns: Array, start: Array | None = None) -> RobustFi
     columns
         Shape (rows, columns).
     start
-        Coefficients to begin at, shape (columns,); 0 if not given.
+        Coefficients to start from, shape (columns,); 0 if not given.
 
     Raises
     ------

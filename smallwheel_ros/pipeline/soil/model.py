@@ -97,7 +97,7 @@ def sinkage_of(
     speed: Array | None = None,
     geometry: Geometry = "contact_integral",
 ) -> Sinkage:
-    """Sinkage of wheels under loads.
+    """Compute the sinkage of wheels under loads.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def sinkage_of(
 def covariates(
     effects: Sequence[Effect], rolling: Flags, slip: Array | None, speed: Array | None
 ) -> tuple[Integers, dict[str, Array]]:
-    """Rows for which everything that effects read is known, and its values there.
+    """Select the rows for which all that effects read is known, and return its values there.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def covariates(
     Returns
     -------
     rows, values : ndarray, dict of ndarray
-        Numbers of the rows; values by name, shape (rows known,).
+        Indices of these rows; values by name, shape (selected rows,).
     """
     if not effects:
         return np.arange(rolling.size), {}
@@ -311,12 +311,12 @@ class LawModel:
         return np.array([log_modulus + n * LOG_DEPTH - m * self._across, n, m]), jacobian
 
     def h(self, x: Array, rows: Stretches) -> Shown:
-        """Sinkages as the sensors show them.
+        """Predict sinkages as the sensors show them.
 
         Parameters
         ----------
         x
-            Shape (size,), or (rows, size) with one state a row.
+            State, shape (size,), or (rows, size) with one state for each row.
         rows
             The stretches.
 
@@ -340,7 +340,7 @@ class LawModel:
         return Shown(value, row, scale * sunk.by_load, scale**2 * sunk.doubt)
 
     def sinkage(self, y: Array, rows: WheelsUnderLoad) -> Shown:
-        """The true sinkage, without the errors of its sensor.
+        """Predict the true sinkage, without the errors of its sensor.
 
         Parameters
         ----------

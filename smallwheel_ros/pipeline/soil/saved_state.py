@@ -52,10 +52,20 @@ class SoilRecord:
 
 @dataclass(frozen=True)
 class SavedState:
-    """Content of a file; a field is None if it had not been measured.
+    """Content of a file of a saved soil.
 
-    strength: state of the traction's filter. cost_map: SHA-256 of the map that was saved with it, None
-    if there was none.
+    Attributes
+    ----------
+    soil
+        The newest soil; None if nothing was measured.
+    variety
+        Ranges of the wheels and loads it was measured with.
+    accepted
+        Number of measurements that it rests on.
+    strength
+        State of the strength's filter; None if nothing was measured.
+    cost_map
+        SHA-256 of the map that was saved with it; None if there was none.
     """
 
     soil: SoilRecord | None
@@ -76,7 +86,7 @@ def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
 def state_bytes(
     state: SavedState, prior: SoilPrior, effects: Sequence[Effect], now: SoilEstimate
 ) -> bytes:
-    """Content of the file of a state.
+    """Serialise a state as the content of a file.
 
     Parameters
     ----------
@@ -169,7 +179,7 @@ def _no_constant(name: str) -> float:
 
 
 def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> SavedState:
-    """Read a file.
+    """Read a saved state from its file.
 
     Parameters
     ----------

@@ -20,11 +20,19 @@ MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, w
 
 
 class SoilScatter:
-    """Scatter of stretches beyond state and sensors, learnt from innovations.
+    """Scatter of stretches beyond what state and sensors explain, learnt from innovations nu (m).
 
-    By a regression of nu^2 - H P H - base on (1, by^2 share): `additive` (m^2), and `soil`, the
-    variance of ln k at a place. `share` is the part of that variance left in the mean over a stretch.
-    Wheels that run in one track meet the same places: so many of them measure the law as one does.
+    It is a regression of nu^2 - H P H - base on (1, by^2 share), with `by` the slope of sinkage by ln k (m).
+    Wheels that run in one track meet the same places, so that all of them measure the law as well as one.
+
+    Attributes
+    ----------
+    additive
+        Variance of sinkage that does not scale with `by`, m^2.
+    soil
+        Variance of ln k from place to place.
+    share
+        Part of that variance which is left in the mean over a stretch, 1.
     """
 
     _MEMORY, _TOLD = 150.0, 30.0  # stretches; that what is told of the soil's scatter counts for
@@ -58,7 +66,7 @@ class SoilScatter:
         return self.soil, self.additive / self.share
 
     def noise(self, rows: Stretches, shown: Shown) -> tuple[Array, Array, Array]:
-        """Variances of the sinkages of stretches.
+        """Compute variances of the sinkages of stretches.
 
         Parameters
         ----------
@@ -70,8 +78,8 @@ class SoilScatter:
         Returns
         -------
         alone, counts, base : ndarray
-            Shape (rows,), m^2: of a stretch alone; of a stretch among its neighbours; of sensors and law
-            only.
+            Shape (rows,), m^2: of a stretch alone; the one with which it counts among its neighbours; that of
+            sensors and law only.
         """
         by_load = shown.by_load**2
         base = rows.variance + by_load * rows.load_variance
@@ -90,7 +98,7 @@ class SoilScatter:
     def learn(
         self, wheel: int, miss: float, state: float, variance: float, base: float, by: float
     ) -> None:
-        """Use an innovation.
+        """Update the scatter with the innovation of one stretch.
 
         Parameters
         ----------

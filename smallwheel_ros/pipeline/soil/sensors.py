@@ -38,7 +38,7 @@ CONTRADICTION = math.log(1.1)  # neither load cells nor a weighed mass are 10 % 
 
 
 class StuckSensors:
-    """Looks for stuck sinkage sensors in the stretches of each wheel. stuck: those found."""
+    """Looks for stuck sinkage sensors in the stretches of each wheel; `stuck` lists them."""
 
     def __init__(self, wheels: int) -> None:
         self.stuck = np.zeros(wheels, dtype=bool)
@@ -58,7 +58,7 @@ class StuckSensors:
             self.stuck[wheel] = full and most + coarse < _STILL * varies
 
     def findings(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Report stuck sensors, with what to check. names: names of the wheels."""
+        """Report stuck sensors and what to check, by the names of the wheels."""
         return tuple(
             f"{names[wheel]}: its sinkage sensor shows the same wherever it rolls, and is not used: is it"
             " stuck, dirty, or does it look at the wheel?"
@@ -75,7 +75,17 @@ class Weighed(NamedTuple):
 
 
 class Weighing:
-    """Compares the loads of all wheels with the vehicle's weight. mass: kg, 0: unknown. gravity: m/s^2."""
+    """Compares the loads of all wheels with the vehicle's weight.
+
+    Parameters
+    ----------
+    wheels
+        Number of wheels.
+    mass
+        Mass of the vehicle, kg; 0: unknown.
+    gravity
+        Acceleration of gravity, m/s^2.
+    """
 
     def __init__(self, wheels: int, mass: float, gravity: float = GRAVITY) -> None:
         self._mass, self._gravity = mass, gravity

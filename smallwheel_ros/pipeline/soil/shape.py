@@ -42,7 +42,7 @@ def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
     law
         The filter.
     doubted
-        Whether earlier stretches of this soil contradicted it.
+        Whether earlier stretches of this soil contradicted the law.
 
     Returns
     -------

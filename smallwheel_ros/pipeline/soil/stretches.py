@@ -84,7 +84,7 @@ class Stretches(WheelsUnderLoad):
     count, dropped
         Number of readings in the mean, and left out.
     low, high, step
-        Least and greatest reading, and least difference of two readings, m.
+        Smallest and largest reading, and smallest difference of two readings, m.
     """
 
     end: Integers

@@ -30,17 +30,17 @@ class OnSoil(Columns):
         Covariance of sinkage, the two resistances and ln load, due to law, place (ln k) and load, (rows, 4,
         4).
     own
-        The part of `covariance` that is each wheel's own, (rows, 4, 4).
+        The part of `covariance` that is independent from wheel to wheel, (rows, 4, 4).
     shown
         Sinkage as a sensor would show it, m.
     exponent, diameter
-        n and m under the effects.
+        Exponent n (1) and diameter (m) as the effects change them.
     reaching
-        Part of the load that the soil carries under the effects, N.
+        Load that reaches the soil, as the effects change it, N.
     factor
-        Factor of the effects on the thrust.
+        Factor of the effects on the thrust, 1.
     slip, speed
-        Values that effects have read; NaN where none does.
+        Slip (1) and speed (m/s) that effects have read; NaN where none reads it.
     sunk
         Whether the wheel is sunk to its axle.
     """
@@ -62,14 +62,14 @@ class OnSoil(Columns):
     sunk: Flags
 
     def means(self, group: Integers, weight: Array) -> OnSoil:
-        """Weighted means over the rows of each group; a group is sunk if one of its rows is.
+        """Average the rows of each group; a group is sunk to the axle if one of its rows is.
 
         Parameters
         ----------
         group
             Number of each row's group from 0 on, shape (rows,).
         weight
-            Shape (rows,).
+            Weight of each row in the mean of its group, 1, shape (rows,).
 
         Returns
         -------

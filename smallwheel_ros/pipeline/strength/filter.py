@@ -80,7 +80,7 @@ _NEWTON_STEPS, _NEWTON_MOST, _LEAST_SLOPE = 2, 0.1, 0.1  # slip a step; of the l
 
 
 class StrengthFilter:
-    """The filter that the module describes. kalman: filterpy's, with the state x and covariance P."""
+    """The filter that the module describes; `kalman` is that of filterpy, with state x and covariance P."""
 
     def __init__(self, strength: Strength, wheels: tuple[Wheel, ...], mass: float) -> None:
         self.mass = mass
@@ -199,7 +199,7 @@ class StrengthFilter:
         force: float,
         force_std: float,
     ) -> None:
-        """Update from a step of the path; NaN for what is unknown.
+        """Update the state from a step of the path; what is unknown is NaN.
 
         Parameters
         ----------
@@ -307,7 +307,7 @@ class StrengthFilter:
         self.kalman.P[:STRENGTH, :STRENGTH] = known[1]
 
     def hand_over(self) -> None:
-        """Move to a soil not met before, of whose variance half is that of a new site."""
+        """Start on a soil not met before: half of the variance among sites is added to the state's."""
         mean, covariance = self.strength
         left = (1.0 - _ONE_SITE**2) * np.diag(np.square(self.prior_std))
         off = mean - self.prior_mean
@@ -321,7 +321,7 @@ def _log(length: Quantity) -> Quantity:
 
 
 def bounded(x: Array, prior: Array) -> Array:
-    """The state, moved into the range that a soil's strength can have; the prior's where that fails.
+    """Move the state into the range that a soil's strength can have; return the prior's where that fails.
 
     Parameters
     ----------
@@ -339,7 +339,7 @@ def bounded(x: Array, prior: Array) -> Array:
 
 
 def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
-    """The information that leads from a value and its deviation to a later pair.
+    """Compute the information that leads from a value and its standard deviation to a later pair.
 
     Parameters
     ----------
@@ -349,7 +349,7 @@ def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, 
     Returns
     -------
     more variance, value times precision, precision : float
-        The first where the deviation has grown, else 0; the others where it has not.
+        The first is 0 unless the deviation has grown, the others are 0 if it has.
     """
     precision = now[1] ** -2 - before[1] ** -2
     if precision <= 0.0:

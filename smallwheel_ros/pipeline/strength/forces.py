@@ -27,10 +27,18 @@ _DEEPER = 1e-5  # of the diameter, for the slopes by sinkage
 
 @dataclass(frozen=True)
 class Rolling:
-    """Rolling wheels, a row each: number among the rolling ones, contact, and slip.
+    """Rolling wheels, a row each.
 
     Attributes
     ----------
+    order
+        Index of the wheel among those that roll, (rows,).
+    on
+        The wheels on their soil.
+    diameter, width
+        m, (rows,).
+    slip
+        1, (rows,).
     peak
         Place of the largest pressure at slip 1, as a share of the arc.
     layers
@@ -65,7 +73,17 @@ class Rolling:
 
 
 class Force(NamedTuple):
-    """A force of each row (N), with its slopes by the state (rows, size), slip, ln load and sinkage."""
+    """A force of each row (N, shape (rows,)), with its slopes.
+
+    Attributes
+    ----------
+    value
+        The force, N, (rows,).
+    row
+        Slopes by the state, (rows, size).
+    by_slip, by_load, by_sinkage
+        Slopes by slip (N), ln load (N) and sinkage (N/m), (rows,).
+    """
 
     value: Array
     row: Array
@@ -82,9 +100,16 @@ class Force(NamedTuple):
 
 @dataclass(frozen=True)
 class Believed:
-    """State of the filter from a step on: x, P, and the cell of the ground under each wheel.
+    """State of the filter after a step.
 
     Stacked, it holds the states for many rows: all arrays then have a leading axis of rows.
+
+    Attributes
+    ----------
+    x, P
+        State and its covariance, (size,) and (size, size).
+    cells
+        Cell of the ground under each wheel, (wheels,).
     """
 
     x: Array
@@ -111,7 +136,7 @@ class Believed:
         return cls(x, P, cells, slips, end)
 
     def forces(self, at: Rolling, *, exact_slip: bool = False) -> tuple[Force, Force, Force]:
-        """Thrust, pull, and the rim force that the torque shows.
+        """Compute thrust, pull, and the rim force that corresponds to the torque.
 
         Parameters
         ----------
@@ -123,7 +148,7 @@ class Believed:
         return forces(self.x, self.cells, at, exact_slip=exact_slip)
 
     def spread(self, push: Force, row: Array) -> Array:
-        """Mean square deviation of forces that contain a thrust, for lognormal soil and grip.
+        """Compute the mean square deviation of forces that contain a thrust, for lognormal soil and grip.
 
         Parameters
         ----------
@@ -165,7 +190,7 @@ class Believed:
 def forces(
     x: Array, cells: Integers, at: Rolling, *, exact_slip: bool = False
 ) -> tuple[Force, Force, Force]:
-    """Forces of wheels by a state; see `Believed.forces`.
+    """Compute the forces of wheels for a state; see `Believed.forces`.
 
     Parameters
     ----------
@@ -224,7 +249,7 @@ def forces(
 
 
 def pull_and_rim(x: Array, cells: Integers, at: Rolling) -> tuple[Array, Array]:
-    """Pull, and the rim force that the torque shows (N): those of `forces`, without slopes.
+    """Compute pull, and the rim force that corresponds to the torque (N): those of `forces`, without slopes.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class _StepRows(Readings):
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of the path, and the wheels in each.
+    """Steps of the path, and the wheels in each; there are several rows of wheels for each step.
 
     Attributes
     ----------
@@ -50,16 +50,23 @@ class Steps:
         Stamp of the row that ends each step, shape (steps,), ns.
     length
         Length of each step, shape (steps,), m.
-    force
-        Specific force along the direction of travel, m/s^2, NaN if unknown; with its deviation.
+    forward
+        Whether the vehicle goes forward, shape (steps,).
+    force, force_std
+        Specific force along the direction of travel, and its standard deviation, shape (steps,), m/s^2; NaN
+        if unknown.
+    step, wheel
+        Index of its step, and number of the wheel, of each row of a wheel, shape (rows,).
+    slip, slip_std, torque, pull, pull_std
+        Mean of each wheel over its step, and standard deviations: 1, 1, N m, N, N, shape (rows,).
+    contact
+        The wheels on their soil, a row each.
     level
         Zero of the imu ahead, and its deviation, (steps, 2), m/s^2.
     unlisted
         Share of the weight on wheels that are not listed, shape (steps,).
     along
-        Share of each wheel's pull along the course, where wheels are steered.
-
-    Slip with its deviation, torque, pull and contact are rows of the wheels, by step.
+        Share of each wheel's pull along the course, shape (rows,), where wheels are steered.
     """
 
     end: Integers
@@ -115,7 +122,7 @@ def steps(
     state: StepState, rows: Readings, load: Array, load_std: Array, version: Integers,
     soils: Soils, settings: OnboardSettings,
 ) -> Steps | None:  # fmt: skip
-    """Steps that end in this block.
+    """Average the rows of a block over the steps that end in it.
 
     Parameters
     ----------

@@ -31,10 +31,10 @@ RECENT = 2.0  # s: a step that ended longer ago says nothing of now
 def of_any_ground(strength: Strength) -> Strength:
     """Strength from which the estimate of a margin starts, if only the kind of soil is known.
 
-    The gain of a wheel that slips and sinks further rests on cohesion times an area that it has not met
-    yet, and soils of one name differ most in cohesion (dry sand 0.2 to 2.3 kPa). The cohesion is
-    therefore that of any ground, or the soil's own if that is less, with the soil's own within two
-    deviations.
+    What a wheel gains when it slips and sinks further is cohesion times an area that it has not touched yet,
+    and soils of one name differ most in cohesion (dry sand 0.2 to 2.3 kPa). The cohesion is therefore that of
+    any ground, or the soil's own if that is less; its standard deviation is such that the soil's own lies
+    within two of them.
     """
     any_ground, own = any_strength().cohesion, strength.cohesion.value
     value = min(own, any_ground.value)
@@ -48,7 +48,7 @@ class Strengths:
     Attributes
     ----------
     believed
-        Versions, the newest last.
+        States of both filters after each step, the newest last.
     now
         Filter for the present pull: uses everything, and starts from the named soil.
     reserve

@@ -130,7 +130,7 @@ def is_determined(P: Array, prior_std: Array) -> Flags:
 
 
 def is_told(P: Array, prior_std: Array) -> Flags:
-    """Whether any measurement has narrowed friction since the first step.
+    """Whether measurements have reduced the standard deviation of friction since the first step.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def is_told(P: Array, prior_std: Array) -> Flags:
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:
-    """For each source of strength that is not in use, what it needs and what it would add.
+    """List the sources of strength that are not in use, with what each needs and what it would add.
 
     Parameters
     ----------

@@ -65,9 +65,14 @@ LONGEST = SECOND  # ns between rims over which the filter goes on
 
 
 class TwistFilter:
-    """Filters the stamps of the rims one by one.
+    """The filter described at the head of this module; it processes the stamps of the rims one by one.
 
-    places: (2,) m, of the sides' wheels left of the middle. chi: effective over geometric track at first.
+    Parameters
+    ----------
+    places
+        How far the wheels of the left and of the right side are to the left of the middle, shape (2,), m.
+    chi
+        Effective over geometric track width, to start from, 1.
     """
 
     def __init__(self, places: Array, chi: float) -> None:
@@ -326,7 +331,7 @@ class TwistFilter:
         self.P = 0.5 * (P + P.T)
 
     def told(self, rims: Array, later: list[tuple[float, Array]]) -> tuple[float, ...]:
-        """The twist to publish at a row.
+        """Compute the twist to publish at a row.
 
         Parameters
         ----------

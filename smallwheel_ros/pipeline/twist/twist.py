@@ -103,7 +103,7 @@ class TwistState:
 
 
 def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
-    """Twists at the stamps of the rims among these rows.
+    """Compute twists at the stamps of the rims among these rows.
 
     Doubted rows are left out, and so are sides without a wheel, and rows without both sides.
 
@@ -180,8 +180,8 @@ def _sides_of_steered(
 def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array]:
     """Fields of geometry_msgs/TwistWithCovariance: linear and angular velocity and covariance.
 
-    An ekf takes the error of each message for a new one, but errors of slip last: variances are
-    therefore multiplied by 2 correlation_time / period.
+    An EKF takes the errors of messages as independent, but errors due to slip last: variances are therefore
+    multiplied by 2 correlation_time / period.
 
     Parameters
     ----------

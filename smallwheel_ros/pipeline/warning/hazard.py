@@ -145,10 +145,20 @@ class _Hazard:
 class Warnings:
     """Computes the warning over a drive.
 
-    done: instants of the newest block, and those of `_KEEP` before them; None before the first.
+    Parameters
+    ----------
+    wheels
+        All wheels; those that roll are used.
+    with_imu
+        Whether the vehicle has an imu, which then gives the specific force, and the slope if it has an
+        orientation.
+    gravity
+        Acceleration of gravity, m/s^2.
 
-    wheels: all wheels; those that roll are used. with_imu: whether the vehicle has an imu, which then gives
-    the slope, if it has an orientation, and the specific force.
+    Attributes
+    ----------
+    done
+        Instants of the newest block, and those of `_KEEP` before them; None before the first.
     """
 
     def __init__(
@@ -397,7 +407,7 @@ def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
 
 
 def level_at(instants: Integers, levels: Integers, stamps: Integers) -> Integers:
-    """Warning level at stamps: that of the newest instant, 0 before the first.
+    """Look up the warning level at stamps: that of the newest instant, 0 before the first.
 
     Parameters
     ----------
@@ -418,7 +428,7 @@ def level_at(instants: Integers, levels: Integers, stamps: Integers) -> Integers
 
 
 def risk_of(risk: Array, level: Integers) -> Array:
-    """Probability of getting stuck within a metre: by the margin, and at least `RISKS` of the level.
+    """Probability of getting stuck within a metre: that by the margin, but at least `RISKS` of the level.
 
     Parameters
     ----------

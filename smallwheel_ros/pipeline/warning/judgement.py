@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warnings, and the margin of any ground: believed rows in, what holds at each row out.
+"""Warnings, and the margin of any ground: believed rows in, warning and margin at each row out.
 
     judged    each 0.1 s: hazard, its levels, and which wheels spin on the spot; each second: the margin
 
@@ -33,10 +33,14 @@ _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some t
 
 @dataclass(frozen=True)
 class Judged(Columns):
-    """At each row: warning level, whether a wheel spins on the spot, and the margin of any ground.
+    """Warning and margin of any ground at each row; arrays of shape (rows,).
 
     Attributes
     ----------
+    level
+        Level of the warning.
+    spins
+        Whether the wheel spins on the spot.
     margin, margin_std
         Margin at this place and its standard deviation, 1.
     median, lower_std, beyond

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Margin of any ground from slip and accelerometer, without mass, load cell, torque or the soil's name.
 
-    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R,   margin =
-    p(reference slip)
+    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R
+    margin                                p(reference slip)
 
 H is the grip, K the slip at which 63 % of it is used, R the motion resistance over load. On a
 vehicle pushed by the ground alone, the accelerometer along the direction of travel, over g, shows
@@ -21,8 +21,8 @@ stuck. A point's weight is multiplied by the probability that places of such gro
 
     P(most + scatter > asked)^metres
 
-so that fear fades over a path without trouble. On the real drives, 305 m with an imu on which nothing got
-stuck, the expected number of stops adds up to 15 from slips alone, and to 5 with this.
+so that the risk falls over a path without trouble. On the real drives, 305 m with an imu on which nothing
+got stuck, the expected number of stops adds up to 15 from slips alone, and to 5 with this.
 """
 
 from __future__ import annotations
@@ -76,7 +76,9 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 
 
 def information(deviation: Array | float, reference_slip: float) -> Array:
-    """Share of what can be known of a margin that is known, beyond any ground's, 0 to 1; NaN where NaN.
+    """Share of the information about a margin that this drive has given, 0 to 1; NaN where the input is NaN.
+
+    It is 0 for a margin known only as that of any ground, and 1 for one known exactly.
 
     Parameters
     ----------
@@ -90,9 +92,9 @@ def information(deviation: Array | float, reference_slip: float) -> Array:
 
 
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
-    """Whether a margin is still a prior's: over half of any ground's variance is left.
+    """Whether a margin is still essentially its prior: over half of any ground's variance is left.
 
-    True also for an unknown margin, of which nothing was measured.
+    True also for NaN, a margin of which nothing was measured.
 
     Parameters
     ----------
@@ -136,14 +138,17 @@ def unknown_ground(reference_slip: float) -> tuple[float, float]:
 class GroundMargin:
     """Weighted points of grip, softness, resistance, offset and radius: the belief about the ground.
 
+    Parameters
+    ----------
+    reference_slip
+        Slip at which the margin is defined, 1.
+
     Attributes
     ----------
     logs
         Logarithms of the points' weights by the slips at the pulls that were needed.
     crossed
         Logarithms of the points' weights by the metres crossed.
-    reference_slip
-        Slip at which the margin is defined, 1.
     """
 
     def __init__(self, reference_slip: float) -> None:
@@ -225,15 +230,15 @@ class GroundMargin:
         return mean, math.sqrt(float(weights @ (self.margins - mean) ** 2) + AHEAD**2)
 
     def ahead(self) -> tuple[float, float, float]:
-        """Belief about ground like this, from slips and metres crossed: median, lower deviation, reserve.
+        """Summarise the belief about ground like this: median, lower deviation, reserve, all dimensionless.
 
-        All are dimensionless: the median of the margin; the standard deviation of the normal distribution
-        that shares the lower half of the distribution of the most that the ground gives; and the difference
-        of that most from the margin, by their medians.
+        They are the median of the margin; the standard deviation of a normal distribution with the same lower
+        half as the distribution of the largest pull over load that the ground gives at any slip; and how
+        much that largest pull exceeds the margin, by their medians.
 
-        Risks are computed from these. The belief has a long upper tail: from mean and standard deviation,
-        level ground on which a vehicle has driven for 10 s would stop it at 10 % of the places; from the
-        points themselves at 1.6 %, and these three numbers give the same.
+        Risks are computed from these, since the belief has a long upper tail: by its mean and standard
+        deviation, level ground on which a vehicle has driven for 10 s would stop it at 10 % of the places; by
+        the points themselves, and by these three numbers, at 1.6 %.
         """
         weights = _normalised(self.logs + self.crossed)
         (median,) = _quantiles(self.margins, self._order, weights, (0.5,)).tolist()
@@ -256,18 +261,22 @@ def _quantiles(values: Array, order: Integers, weights: Array, levels: tuple[flo
 
 @dataclass(frozen=True)
 class Margins(Columns):
-    """Belief after each second about the margin of ground ahead, and the risk that it does not give `asked`.
+    """Belief after each second about the margin of ground ahead; all NaN until a drive has shown any of it.
 
     Attributes
     ----------
+    stamp
+        End of the second, ns.
+    margin, margin_std
+        Mean margin and its standard deviation, 1.
     low, middle, high
         2.5, 50 and 97.5 % quantiles of the margin here, 1.
     median, lower_std, beyond
         As given by `GroundMargin.ahead`.
+    asked
+        Pull over load that the vehicle continues to need, 1.
     risk
-        As given by `risk_ahead`.
-
-    All are NaN while nothing has shown anything of the ground.
+        Probability that the ground does not give `asked`, as given by `risk_ahead`.
     """
 
     stamp: Integers
@@ -286,7 +295,14 @@ class Margins(Columns):
 class AnyGround:
     """Computes the margin of any ground from instants of `Warnings`.
 
-    side: how far each rolling wheel is to the left, m. reference_slip: slip at which the margin is defined.
+    Parameters
+    ----------
+    side
+        How far each rolling wheel is to the left of the middle, shape (wheels,), m.
+    reference_slip
+        Slip at which the margin is defined, 1.
+    gravity
+        Acceleration of gravity, m/s^2.
     """
 
     def __init__(self, side: Array, reference_slip: float, gravity: float = GRAVITY) -> None:

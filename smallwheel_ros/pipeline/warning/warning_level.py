@@ -16,8 +16,12 @@ if TYPE_CHECKING:
 class WarningLevel(IntEnum):
     """How near the vehicle is to getting stuck; numbers of VehicleMobility.msg.
 
-    meaning: as the message's comment and docs/node.md explain the level. sentence: the warning at that
-    level.
+    Attributes
+    ----------
+    meaning
+        What the level means, as in the message's comment and docs/node.md.
+    sentence
+        The warning at that level.
     """
 
     meaning: str
