@@ -11,7 +11,7 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates
 
 Entry = Literal["filter", "sensors", "alarms", "vehicle"]
-Kind = Literal["filter", "sensor", "digging_in", "stuck", "missing_effect", "holds_nothing"]
+Kind = Literal["filter", "sensor", "may_get_stuck", "gets_stuck", "missing_effect", "holds_nothing"]
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
@@ -29,8 +29,8 @@ class Statement(NamedTuple):
         return _NUMBER.sub("", self.text)
 
 
-# By level of the warning, whose words are those of `WarningLevel` wherever it is reported.
-WARNINGS: tuple[Kind, ...] = ("stuck", "digging_in")
+# By level of the warning; names and words are those of `WarningLevel` wherever it is reported.
+WARNINGS: tuple[Kind, ...] = ("may_get_stuck", "gets_stuck")
 
 
 def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:

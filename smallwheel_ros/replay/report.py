@@ -205,14 +205,14 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     lines += _sentences(soil["remarks"] if sunk else [])
     lines += summary["diagnosis"]["text"] if summary["diagnosis"] else []
     lines += _mobility(summary, sunk)
-    digging = sum(event["kind"] == "digging_in" for event in events)
+    gets_stuck = any(event["kind"] == WARNINGS[-1] for event in events)
     headline = f"The soil changed {_times(soil['changes'])}."
     if soil["changes"] == 0:
         headline = "One soil throughout."
     if not sunk:
         headline = "No sinkage was used: the soil's law is unknown."
     headline += f" {_warnings(events)}"
-    blocks.append(Callout(headline, lines, "warning" if digging else "result"))
+    blocks.append(Callout(headline, lines, "warning" if gets_stuck else "result"))
     alarms = [event for event in events if event["kind"] == "missing_effect"]
     missed = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
     if missed:

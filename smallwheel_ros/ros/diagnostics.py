@@ -19,6 +19,7 @@ from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.strength.words import StrengthEstimate
 from smallwheel_ros.pipeline.tables import Estimates
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -161,7 +162,7 @@ def _alarms(pipeline: Pipeline, newest: Estimates) -> dict[str, str]:
     wheels = pipeline.settings.wheels
     digging = [wheels[number].name for number in newest.wheel[newest.digging_in].tolist()]
     values = {
-        "digging in": ", ".join(digging) or "no",
+        WarningLevel.GETS_STUCK.short: ", ".join(digging) or "no",
         "risk of getting stuck": "unknown" if risk is None else f"{risk:.2f}",
         "missing effect": "none shows",
     }

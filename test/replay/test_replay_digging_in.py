@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 SECOND = 10**9
@@ -69,14 +70,14 @@ def test_a_wheel_that_digs_itself_in_is_told_of(
     begin = bent(drive, tmp_path / "bag", "rear_left", speed=True, sinkage=True)
     summary, table, said = replay(tmp_path / "bag", repository, tmp_path / "out")
 
-    (event,) = [event for event in summary["events"] if event["kind"] == "digging_in"]
+    (event,) = [event for event in summary["events"] if event["kind"] == "gets_stuck"]
     assert "dig in" in event["text"]
     # Slip passes a half after half of the time; what is asked for beside it may come before.
     assert begin + 0.3 * LENGTH < event["time"] < begin + LENGTH
     assert event["text"] in said
 
     # Warned before, at the first level, however many messages are replayed at a time.
-    (first,) = [event for event in summary["events"] if event["kind"] == "stuck"]
+    (first,) = [event for event in summary["events"] if event["kind"] == "may_get_stuck"]
     assert begin < first["time"] < event["time"]
     assert "may get stuck" in first["text"]
 
@@ -96,7 +97,15 @@ def test_a_wheel_that_digs_itself_in_is_told_of(
     assert stuck
     assert all("dig in" in m.text or m.level == 4 for m in stuck)
     assert {m.level for m in messages} >= {1, 2, 3}
-    assert "once that it gets stuck" in (tmp_path / "out" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "once that it gets stuck" in page
+    # The same words for one level, wherever it is read.
+    assert event["kind"] == WarningLevel(3).name.lower()
+    assert first["kind"] == WarningLevel(2).name.lower()
+    for one in (first, event):
+        assert one["text"] in page
+        assert one["text"] in set(vehicle["text"])
+        assert one["text"] in {message.text for message in messages}
 
 
 def test_sinkage_of_one_wheel_alone_is_no_digging_in(
@@ -106,6 +115,6 @@ def test_sinkage_of_one_wheel_alone_is_no_digging_in(
     summary, table, said = replay(tmp_path / "bag", repository, tmp_path / "out")
     assert not table["status_text"].str.contains("digs itself in", na=False).any()
     assert pd.read_csv(tmp_path / "out" / "vehicle.csv")["level"].max() < 3
-    assert "digging_in" not in {event["kind"] for event in summary["events"]}
+    assert "gets_stuck" not in {event["kind"] for event in summary["events"]}
     assert "digs itself in" not in said
     assert "dig in" not in (tmp_path / "out" / "report.html").read_text()

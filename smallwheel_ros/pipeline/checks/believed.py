@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from smallwheel_ros.common.stamps import NEVER, SECOND
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.pipeline.intake.buffer import Samples, StampRules
 from smallwheel_ros.pipeline.intake.layout import width_of
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers
@@ -103,6 +103,8 @@ class BelievedRows:
         Settings of the vehicle.
     rules
         Rules for stamps: among others, how long a value is held.
+    source
+        The stream that gives the speed over ground.
     streams
         Raw rows by stream, as kept.
     moves
@@ -123,6 +125,7 @@ class BelievedRows:
 
     settings: OnboardSettings
     rules: StampRules
+    source: str
     streams: Mapping[str, Samples]
     moves: Samples = NO_ROWS
     felt: Samples = NO_ROWS
@@ -132,11 +135,6 @@ class BelievedRows:
     done: int = NEVER
     began: tuple[int, ...] = ()
     anew: tuple[int, ...] = ()
-
-    @property
-    def source(self) -> str:
-        """The stream that gives the speed over ground."""
-        return VELOCITY if self.settings.velocity == "topic" else ODOMETRY
 
     @cached_property
     def _ever(self) -> frozenset[str]:

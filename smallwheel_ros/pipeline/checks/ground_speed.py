@@ -28,7 +28,6 @@ import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -51,6 +50,7 @@ from .believed import (
     MOVES,
     NO_ROWS,
     SLIDES,
+    UNFELT,
     BelievedRows,
     RawRows,
     mean_of_known,
@@ -59,6 +59,7 @@ from .doubts import Doubts
 from .lateness import LAGS, LATE, Against, Lag, OfWheels
 from .sums import RunningDeviation
 from .unfelt import InertialSpeed, Unfelt
+from .window import Known
 
 SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL, ASIDE = range(11)
 WINDOW = (
@@ -82,43 +83,6 @@ _GUESSED = 3  # readings that `_UNTRIED` and `_SCAN` count for
 _UNTRIED = (
     0.1  # m/s at rest, as a share like `_SLOW`: six odometries of real robots had 0.04 to 0.2
 )
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of odometry and imu, for the rules that report it.
-
-    Attributes
-    ----------
-    share
-        For an odometry computed from the wheels, share of the way by which it differs from a multiple of the
-        rims'; NaN for an independent one.
-    no_twist
-        Distance by the pose while every twist was 0, m; NaN once one was not.
-    down
-        Whether z of the imu points down.
-    against
-        Distance over which the speed goes against the rims, m, if that is nearly all of the distance; else 0.
-    slides
-        Whether it goes against the rims over nearly all of the distance, but the vehicle may be sliding down
-        a slope.
-    """
-
-    share: float = math.nan
-    no_twist: float = 0.0
-    down: bool = False
-    against: float = 0.0
-    slides: bool = False
-
-    @cached_property
-    def of_wheels(self) -> bool:
-        """Whether the odometry is computed from the wheels."""
-        return math.isfinite(self.share)
-
-    @cached_property
-    def twist(self) -> bool:
-        """Whether any twist was other than 0."""
-        return math.isnan(self.no_twist)
 
 
 @dataclass
@@ -168,8 +132,10 @@ class GroundSpeed:
         self._of_unsteered, self._goes_against = OfWheels(), Against()
         self._inertial, self._unfelt = InertialSpeed(settings.gravity), Unfelt(settings.gravity)
 
-    def take(self, raw: Mapping[str, Samples]) -> None:
-        """Add the rows that arrived, by stream."""
+    def take(self, raw: Mapping[str, Samples], since: int) -> None:
+        """Add the rows that arrived, by stream; those before a stamp (ns) are not needed any more."""
+        for stream in (self.moves, self.felt, self._own, self._trust):
+            stream.forget(since)
         self._raw = raw
         self._turn_over()
         self._speeds()
@@ -178,11 +144,6 @@ class GroundSpeed:
         """Stamp (ns) up to which speeds are known: one from poses holds at the middle between two of them."""
         waits = self._own.newest != NEVER and self.source not in raw.silent
         return min(raw.until, self.moves.newest) if self.posed and waits else raw.until
-
-    def forget(self, before: int) -> None:
-        """Drop rows that are no longer needed."""
-        for stream in (self.moves, self.felt, self._own, self._trust):
-            stream.forget(before)
 
     def believed(
         self, since: int, done: int, began: tuple[int, ...] = (), anew: tuple[int, ...] = ()
@@ -202,14 +163,20 @@ class GroundSpeed:
         """
         own = self.moves.samples, self.felt.samples, self._trust.samples
         return BelievedRows(
-            self.settings, self.rules, self._raw, *own, self.doubts.now, since, done, began, anew
-        )
+            self.settings, self.rules, self.source, self._raw, *own, self.doubts.now, since, done,
+            began, anew,
+        )  # fmt: skip
 
     @property
-    def goes_against(self) -> bool:
-        """Whether, up to the newest message, the speed goes against the rims."""
-        values = self._trust.samples.values
-        return bool(values.size and values[-1, AGAINST] > 0.0)
+    def doubt(self) -> str:
+        """Why the newest speed is not believed, by itself; empty where it is."""
+        newest = self._trust.samples.values[-1:]
+        if (newest[:, AGAINST] > 0.0).any():
+            way = "where the wheels turn ahead, or ahead where back"
+            return f"so far all goes backward by {self.source} {way}"
+        if newest[:, UNFELT].any():
+            return f"the imu does not feel how the speed of {self.source} changes"
+        return ""
 
     def known(self, stamp: int) -> Known:
         """State of knowledge at a stamp (ns) up to which everything has been learnt."""
@@ -345,7 +312,9 @@ class GroundSpeed:
         each_rim = now.each_rim_of(shown, instants.size)
         rims = now.rims(instants, each_rim)
         mean, size, half_turn = (each.reshape(middle.size, -1) for each in rims)
-        moved, gyro = (shown[name][:, 0].reshape(middle.size, -1) for name in (MOVES, FELT))
+        moved = shown[MOVES][:, 0].reshape(middle.size, -1)
+        imu = shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size]
+        felt_ahead = self._felt_ahead(imu)
         before = np.concatenate([[sums.stamp], stamps[:-1]])
         passed = np.where(stamps - before > WINDOW, 0, stamps - before) / SECOND
         sums.stamp = int(stamps[-1])
@@ -368,15 +337,10 @@ class GroundSpeed:
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
         # By how much the speed comes later than gyro and rims, the larger one, or may come.
-        turns_late = self._turns_late.take(turn, gyro[:, : LAGS.size])
+        turns_late = self._turns_late.take(turn, imu[:, :, 0])
         lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
-        imu = shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size]
-        late = np.rint(np.nan_to_num(lag) * SECOND / LAGS[1]).astype(int)
-        inertial = imu[np.arange(middle.size), late, INERTIAL]
-        unfelt = self._unfelt.take(middle, speed, moved[:, -2], inertial)
-        lag = np.where(np.isnan(lag), LATE, lag)
         against, slides = self._goes_against.take(
-            mean[:, 0], half_turn[:, 0], speed, passed, *self._felt_ahead(imu)
+            mean[:, 0], half_turn[:, 0], speed, passed, *felt_ahead
         )
         if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels
             made, may_be, share = self._of_wheels.take(ways_before, way, parts)
@@ -389,6 +353,10 @@ class GroundSpeed:
             other = self._of_unsteered.take(ways_before, way, unsteered)
             share = np.where(other[0] & ~made, other[2], share)
             made, may_be = made | other[0], may_be | other[1]
+        late = np.rint(np.nan_to_num(lag) * SECOND / LAGS[1]).astype(int)
+        inertial = imu[np.arange(middle.size), late, INERTIAL]
+        unfelt = self._unfelt.take(middle, speed, moved[:, -2], inertial)
+        lag = np.where(np.isnan(lag), LATE, lag)
         since = (stamps - changed) / SECOND
         same = since, way - changed_way
         rows = [

@@ -57,9 +57,9 @@ class SensorChecks:
         last
             Whether no more rows will come: the newest speed is then held to the end.
         """
-        self.ground.forget(self.looks_back)
-        self.doubts.forget(self.looks_back)
-        self.ground.take(raw.streams)
+        oldest = self.looks_back
+        self.doubts.forget(oldest)
+        self.ground.take(raw.streams, oldest)
         until = raw.until if last else self.ground.bound(raw)
         since, self.done = self.done, max(self.done, until)
         new = {name: one.between(since, self.done) for name, one in raw.streams.items()}

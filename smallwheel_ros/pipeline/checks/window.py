@@ -7,6 +7,7 @@ A rule therefore gets the same rows in the same portions, however the messages w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,7 +20,6 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 
-from .ground_speed import Known
 from .lateness import MOVES
 
 SPAN = 2 * SECOND  # ns, between judgements: long against the work of one, short against a fault
@@ -169,6 +169,43 @@ class Source(Rows):
         stale = t - np.maximum.accumulate(np.where(same, -np.inf, t)) > GAP
         inside = (t >= 0.0) & (t < SPAN / SECOND)
         return cls(t, x, t + begin / SECOND, rows.held, inside, changes, same, stale, rims, way)
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of odometry and imu, for the rules that report it.
+
+    Attributes
+    ----------
+    share
+        For an odometry computed from the wheels, share of the way by which it differs from a multiple of the
+        rims'; NaN for an independent one.
+    no_twist
+        Distance by the pose while every twist was 0, m; NaN once one was not.
+    down
+        Whether z of the imu points down.
+    against
+        Distance over which the speed goes against the rims, m, if that is nearly all of the distance; else 0.
+    slides
+        Whether it goes against the rims over nearly all of the distance, but the vehicle may be sliding down
+        a slope.
+    """
+
+    share: float = math.nan
+    no_twist: float = 0.0
+    down: bool = False
+    against: float = 0.0
+    slides: bool = False
+
+    @cached_property
+    def of_wheels(self) -> bool:
+        """Whether the odometry is computed from the wheels."""
+        return math.isfinite(self.share)
+
+    @cached_property
+    def twist(self) -> bool:
+        """Whether any twist was other than 0."""
+        return math.isnan(self.no_twist)
 
 
 @dataclass

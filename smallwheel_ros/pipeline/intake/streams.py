@@ -312,18 +312,17 @@ class Streams:
             found = min(found, newest)
         return found
 
-    def samples(self) -> dict[str, Samples]:
-        """Raw rows by stream, as far back as they are kept."""
-        return {name: stream.samples for name, stream in self.all.items()}
-
     def silent_ones(self) -> frozenset[str]:
         """Streams that are no longer waited for."""
         return frozenset(name for name, stream in self.all.items() if self.silent(stream))
 
-    def forget(self, before: int) -> None:
-        """Drop rows too old to be asked for."""
-        drop = int(np.searchsorted(np.array(self._refused, dtype=np.int64), before))
+    def kept(self, since: int) -> dict[str, Samples]:
+        """Raw rows by stream, after dropping those before a stamp (ns) that are too old to be asked for."""
+        drop = int(np.searchsorted(np.array(self._refused, dtype=np.int64), since))
         del self._refused[:drop]
         self._forgotten += drop
-        for stream in self.all.values():
-            stream.forget(before)
+        found = {}
+        for name, stream in self.all.items():
+            stream.forget(since)
+            found[name] = stream.samples
+        return found

@@ -103,9 +103,9 @@ def mobility(
     rolls &= ~on.sunk & np.isfinite(on.sinkage) & np.isfinite(reference.sinkage)
     mine = np.flatnonzero(rolls)
     if mine.size:
-        now, reserve = strengths.at(strength[mine])
         rolling, own, at_reference = rows.take(mine), on.take(mine), reference.take(mine)
         of = strengths.rolling(rolling.wheel, own, rolling.slip)
+        now, reserve = strengths.at(strength[mine])
         beyond[mine] = on.load[mine] * now.x[:, OTHER]
         unsure[mine] = on.load[mine] * np.sqrt(now.P[:, OTHER, OTHER])
         made = _pulls(rolling, of, now) | _margins(
@@ -113,7 +113,6 @@ def mobility(
         )
         for name, values in made.items():
             found[name][mine] = values
-    other_std = np.sqrt(on.variance(other=1.0, log_load=beyond) + unsure**2)
     nothing = np.where(on.sunk | np.isnan(on.sinkage), np.nan, 1.0)
     loaded = WheelsUnderLoad(
         rows.wheel, load, (load_std / load) ** 2, np.zeros(count), rows.slip, rows.speed, rows.passes,
@@ -123,6 +122,7 @@ def mobility(
     measured = np.isfinite(sinkage)
     sinkage = np.where(measured, sinkage, on.shown) * nothing
     sinkage_std = np.sqrt(np.where(measured, variance, on.variance(sinkage=1.0))) * nothing
+    other_std = np.sqrt(on.variance(other=1.0, log_load=beyond) + unsure**2)
     whole = on.compaction + on.other + beyond
     # Over the load, whose own deviation counts in both.
     ratio = on.variance(compaction=1.0, other=1.0, log_load=beyond - whole) + unsure**2

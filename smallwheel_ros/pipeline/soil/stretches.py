@@ -246,12 +246,11 @@ def _of_wheel(
                     _close(state, number, stretch, log_load[chosen], joined.stamp[stop], ahead)
                 )
         start = stop
-    rest = joined.take(slice(start, None))
     keep = moved[start:].copy()
     keep[:1] = keep[-1:] = True
     if wheel.contact != ROLLING and count - start > _MOST_ROWS:
         keep[_MOST_ROWS:-1] = False
-    state.open = rest.take(keep)
+    state.open = joined.take(start + np.flatnonzero(keep))
     return found, calm[held:], deviation[held:]
 
 

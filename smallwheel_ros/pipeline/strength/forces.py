@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -53,8 +53,8 @@ class Rolling:
     width: Array
     slip: Array
     peak: float
+    along: Array
     layers: tuple[Effect, ...] = ()
-    along: Array = field(default_factory=lambda: np.ones(1))
 
     @property
     def share(self) -> Array:

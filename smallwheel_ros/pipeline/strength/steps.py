@@ -23,7 +23,7 @@ from smallwheel_ros.pipeline.rows.slip import slip_of
 from smallwheel_ros.pipeline.rows.steering import ASIDE
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import local_laws
-from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, Readings
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Readings
 
 from .contact import OnSoil, on_soil
 
@@ -33,29 +33,11 @@ _FORCE_STD, _LAG = 0.07, 0.2  # m/s^2 of a mean specific force; s by which an ac
 
 
 @dataclass(frozen=True)
-class _StepRows(Columns):
-    """Readings of wheels that roll, with their loads without noise, and their law."""
+class _StepRows(Readings):
+    """Readings of wheels that roll, loads without noise, with the law's version under each and its soil."""
 
-    readings: Readings
-    load: Array
-    load_std: Array
     version: Integers
     soil: Integers
-
-    def __len__(self) -> int:
-        return len(self.version)
-
-    def take(self, rows: object) -> _StepRows:
-        """Some of the rows."""
-        own = (getattr(self, name)[rows] for name in ("load", "load_std", "version", "soil"))
-        return _StepRows(self.readings.take(rows), *own)
-
-    @classmethod
-    def joined(cls, parts: list[_StepRows]) -> _StepRows:  # type: ignore[override]
-        """All rows of the parts."""
-        names = ("load", "load_std", "version", "soil")
-        own = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
-        return _StepRows(Readings.joined([part.readings for part in parts]), *own)
 
 
 @dataclass(frozen=True)
@@ -168,7 +150,8 @@ def steps(
     rolling = np.array([w.contact == ROLLING for w in settings.wheels])[rows.wheel]
     use = rolling & ~rows.stands & np.isfinite(rows.speed) & np.isfinite(rows.rim_speed)
     number = np.array([soils.versions[one].number for one in version[use].tolist()], dtype=np.int64)
-    new = _StepRows(rows.take(use), load[use], load_std[use], version[use], number)
+    columns = vars(rows.take(use)) | {"load": load[use], "load_std": load_std[use]}
+    new = _StepRows(**columns, version=version[use], soil=number)
     whole = new if state.open is None else _StepRows.joined([state.open, new])
     if not len(whole):
         return None
@@ -184,16 +167,15 @@ def steps(
 
 def _bounds(rows: _StepRows) -> tuple[list[tuple[int, int, int]], int, list[float], int]:
     """First, last + 1 and ending row of each step; how many; their lengths (m); where the open one begins."""
-    of = rows.readings
-    distance = np.maximum.accumulate(of.distance)
-    gaps = np.diff(of.stamp, prepend=of.stamp[0])
-    turned = np.cumsum(np.abs(of.rim_speed) * gaps / SECOND)
-    paused = (gaps > _PAUSE) | np.concatenate([[False], np.diff(of.forward)])
+    distance = np.maximum.accumulate(rows.distance)
+    gaps = np.diff(rows.stamp, prepend=rows.stamp[0])
+    turned = np.cumsum(np.abs(rows.rim_speed) * gaps / SECOND)
+    paused = (gaps > _PAUSE) | np.concatenate([[False], np.diff(rows.forward)])
     another = np.concatenate([[False], np.diff(rows.soil) != 0])
     breaks = np.flatnonzero(paused | another)
     found: list[tuple[int, int, int]] = []
     ways: list[float] = []
-    start, count = 0, len(rows)
+    start, count = 0, distance.size
     while start < count:
         i = int(np.searchsorted(distance, distance[start] + CELL))
         spin = turned[start] + _SPINS
@@ -215,12 +197,12 @@ def _means(
     rows: _StepRows, bounds: list[tuple[int, int, int]], way: list[float], soils: Soils,
     settings: OnboardSettings,
 ) -> Steps:  # fmt: skip
-    of, wheels = rows.readings, len(settings.wheels)
-    step = np.full(len(rows), -1)
+    wheels = len(settings.wheels)
+    step = np.full(rows.stamp.size, -1)
     for place, (start, stop, _) in enumerate(bounds):
         step[start:stop] = place
     inside = np.flatnonzero(step >= 0)
-    key = step[inside] * wheels + of.wheel[inside]
+    key = step[inside] * wheels + rows.wheel[inside]
     keys, group = np.unique(key, return_inverse=True)
 
     def mean(column: Array) -> Array:
@@ -233,30 +215,30 @@ def _means(
     count = np.bincount(group, minlength=keys.size)
     number, wheel = keys // wheels, keys % wheels
     starts, ends = (np.array([b[i] for b in bounds]) for i in (0, 1))
-    duration = (of.stamp[ends - 1] - of.stamp[starts]) / SECOND
+    duration = (rows.stamp[ends - 1] - rows.stamp[starts]) / SECOND
     alone = np.minimum(count, np.maximum(1.0, duration[number] / _ALIKE))
-    speed_std = mean(of.speed_std) / np.sqrt(alone)
+    speed_std = mean(rows.speed_std) / np.sqrt(alone)
     slip, slip_std, _ = slip_of(
-        mean(of.speed), speed_std, mean(of.rim_speed), mean(of.rim_std), 0.0
+        mean(rows.speed), speed_std, mean(rows.rim_speed), mean(rows.rim_std), 0.0
     )
-    sign = np.where(of.forward, 1.0, -1.0)
+    sign = np.where(rows.forward, 1.0, -1.0)
     good = np.isfinite(slip) & np.isfinite(mean(rows.load))
-    contact = _contacts(rows, inside, group, good, (slip, mean(of.speed)), soils, settings)
+    contact = _contacts(rows, inside, group, good, (slip, mean(rows.speed)), soils, settings)
     sound = ~contact.sunk & np.isfinite(contact.sinkage)
     good[good] = sound
-    force = _of_vehicle(step, sign * of.pushed)
-    ahead, behind = (sign * of.gained)[ends - 1], (sign * of.gained)[starts]
+    force = _of_vehicle(step, sign * rows.pushed)
+    ahead, behind = (sign * rows.gained)[ends - 1], (sign * rows.gained)[starts]
     late = np.abs(ahead - behind) * np.minimum(_LAG / np.maximum(duration, 1e-3), 1.0)
     noise = settings.noise.drawbar_pull / np.sqrt(np.maximum(count, 1))
-    along = np.cos(mean(of.apart))[good]
+    along = np.cos(mean(rows.apart))[good]
     if settings.steered:
         # Wheels that go across their heading are held by forces that no law here has.
-        skids = mean(np.abs(np.nan_to_num(of.slip_angle))) > ASIDE
+        skids = mean(np.abs(np.nan_to_num(rows.slip_angle))) > ASIDE
         force[np.unique(number[skids])] = np.nan
     return Steps(
-        of.stamp[ends], np.array(way), of.forward[starts], force,
+        rows.stamp[ends], np.array(way), rows.forward[starts], force,
         np.hypot(_FORCE_STD, np.nan_to_num(late)), rows.soil[starts], number[good], wheel[good],
-        slip[good], slip_std[good], mean(sign * of.torque)[good], mean(of.pull)[good], noise[good],
+        slip[good], slip_std[good], mean(sign * rows.torque)[good], mean(rows.pull)[good], noise[good],
         contact.take(sound), along=along,
     )  # fmt: skip
 
@@ -276,7 +258,7 @@ def _contacts(
     load, load_std = (
         np.bincount(part, weights=column[row]) / count for column in (rows.load, rows.load_std)
     )
-    within, lead = parts // versions.size, rows.readings.take(row[first])
+    within, lead = parts // versions.size, rows.take(row[first])
     slip, speed = (column[good][within] for column in at)
     contact = on_soil(
         settings.wheels, lead.wheel,

@@ -121,7 +121,9 @@ class Strengths:
                 self._publish(newest.slips, newest.end)
         return steps.end
 
-    def rolling(self, wheel: Integers, on: OnSoil, slip: Array) -> Rolling:
+    def rolling(
+        self, wheel: Integers, on: OnSoil, slip: Array, along: Array | None = None
+    ) -> Rolling:
         """Rows of rolling wheels in the form that the filters' forces use.
 
         Parameters
@@ -132,16 +134,18 @@ class Strengths:
             The wheels on their soil.
         slip
             Shape (rows,).
+        along
+            Share of each wheel's pull along the vehicle's course, shape (rows,); None: all of it.
         """
         diameter, width = self._sizes[wheel].T
+        along = np.ones(1) if along is None else along
         return Rolling(
-            self._order[wheel], on, diameter, width, slip, self._peak, self._layers
-        )  # fmt: skip
+            self._order[wheel], on, diameter, width, slip, self._peak, along, self._layers
+        )
 
     def _take(self, steps: Steps, number: int, mine: Integers) -> None:
-        at = self.rolling(steps.wheel[mine], steps.contact.take(mine), steps.slip[mine])
-        if steps.along is not None:
-            at = replace(at, along=steps.along[mine])
+        along = None if steps.along is None else steps.along[mine]
+        at = self.rolling(steps.wheel[mine], steps.contact.take(mine), steps.slip[mine], along)
         force = float(steps.force[number]) if mine.size == self._count else math.nan
         torque, pull = steps.torque[mine], steps.pull[mine]
         single = bool(np.isfinite(torque).any() or np.isfinite(pull).any())

@@ -154,6 +154,11 @@ class Warnings:
         orientation.
     gravity
         Acceleration of gravity, m/s^2.
+
+    Attributes
+    ----------
+    done
+        Instants of the newest block, and those of `_KEEP` before them; None before the first.
     """
 
     def __init__(
@@ -168,7 +173,7 @@ class Warnings:
         self._speeds: Integers = np.empty(0, dtype=np.int64)
         # Of each wheel: time, rim, ground and its deviation, how far off the course.
         self._newest = np.full((self.rolling.size, 5), np.nan)
-        self._done: Instants | None = None
+        self.done: Instants | None = None
         self._slips: Array = np.empty(0)  # of each of these, whether judged or not
         self._rolled, self._level, self._began = False, 0, np.inf  # s, since when the rims run
         self._driven = np.inf  # s, likewise, whether the speed is known or not
@@ -213,11 +218,14 @@ class Warnings:
             over = self._open.stamp < end
             made = self._instants(self._open.take(over))
             self._open = self._open.take(~over)
-            before = 0 if self._done is None else len(self._done)
-            self._done = made if self._done is None else Instants.joined([self._done, made])
+            before = 0
+            if self.done is not None:
+                kept = self.done.stamp > self.done.stamp[-1] - _KEEP
+                self._slips, before = self._slips[kept], int(kept.sum())
+                self.done = Instants.joined([self.done.take(kept), made])
+            else:
+                self.done = made
             found = made, self._judged(before)
-            kept = self._done.stamp > made.stamp[-1] - _KEEP
-            self._done, self._slips = self._done.take(kept), self._slips[kept]
         self._speeds = self._speeds[self._speeds > end - _KEEP]
         recent = self._imu[0] >= end
         self._imu = self._imu[0][recent], self._imu[1][recent]
@@ -281,7 +289,7 @@ class Warnings:
         return ahead, up
 
     def _judged(self, first: int) -> Warned:
-        done = self._done
+        done = self.done
         assert done is not None
         count = len(done) - first
         hazard, slip = np.full((2, count), np.nan)

@@ -89,7 +89,6 @@ class Judgement:
             if settings.velocity != "none"
             else ""
         )
-        self._instants: Instants | None = None  # of the last second, for spinning
         self._spinning: tuple[Integers, Flags] = np.empty(0, dtype=np.int64), np.empty((0, 0), bool)
         self._levels: tuple[Integers, Integers] = np.array([NEVER]), np.zeros(1, dtype=np.int64)
         self._margins: Margins | None = None
@@ -124,7 +123,7 @@ class Judgement:
             self.instants = instants
             self._slip = float(self.warned.slip[-1])
             self._levels = _carried(self._levels, self.warned.stamp, self.warned.level)
-            self._spin(instants)
+            self._spin(instants.stamp.size)
             margins = self.ground.take(instants, self._anew)
             self._anew = []
             if margins is not None:
@@ -164,17 +163,19 @@ class Judgement:
         """Present level of the warning."""
         return int(self._levels[1][-1])
 
-    def _spin(self, instants: Instants) -> None:
-        """Whether the vehicle surely gets nowhere: over a second, by the means of its rims and of their ways.
+    def _spin(self, count: int) -> None:
+        """Whether the vehicle surely gets nowhere at the newest instants, so many of them.
 
-        Its middle, since wheels that get stuck spin on a diagonal while the others stand. Rims that all the
-        while drive one way, by more than noise: who stands does not spin, nor who turns on the spot. Surely:
-        by two deviations of the speed over ground, which is off by as much for the whole second.
+        Over a second, by the means of its rims and of their ways. Its middle, since wheels that get stuck
+        spin on a diagonal while the others stand. Rims that all the while drive one way, by more than noise:
+        who stands does not spin, nor who turns on the spot. Surely: by two deviations of the speed over
+        ground, which is off by as much for the whole second.
         """
-        whole = instants if self._instants is None else Instants.joined([self._instants, instants])
-        first = len(whole) - len(instants)
-        spins = np.zeros((len(instants), whole.rim.shape[1]), dtype=bool)
-        for k in range(len(instants)):
+        whole = self.warnings.done
+        assert whole is not None
+        spins = np.zeros((count, whole.rim.shape[1]), dtype=bool)
+        first = whole.stamp.size - count
+        for k in range(count):
             end = first + k + 1
             begin = int(np.searchsorted(whole.stamp, whole.stamp[end - 1] - SECOND, side="right"))
             part = slice(begin, end)
@@ -184,8 +185,7 @@ class Judgement:
         self.stuck = np.asarray(spins.any(axis=1))
         before, flags = self._spinning
         flags = flags if flags.shape[1] else np.zeros((0, spins.shape[1]), dtype=bool)
-        self._spinning = np.concatenate([before, instants.stamp]), np.vstack([flags, spins])
-        self._instants = whole.take(slice(-10, None))
+        self._spinning = np.concatenate([before, whole.stamp[first:]]), np.vstack([flags, spins])
 
     def _at(self, rows: Readings) -> Judged:
         count = rows.stamp.size

@@ -16,7 +16,7 @@ import pytest
 from raw_drives import NAMES, START, Rows, drive, settings
 from test_rules import FAULTS, LEFT
 
-from smallwheel_ros.common.stamps import SECOND
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.checks.believed import BelievedRows, RawRows
@@ -108,7 +108,7 @@ def checked(rows: Rows, ends: tuple[float, ...] = ()) -> Checked:
         for stream, (stamps, values) in rows.items():
             new = (stamps > before) & (stamps <= ahead)
             streams.all[stream].extend(stamps[new], values[new])
-        believed = checks.take(RawRows(streams.samples(), until))
+        believed = checks.take(RawRows(streams.kept(NEVER), until))
         findings += checks.findings
         parts.append(align.take(believed))
         plain.append(other.take(replace(believed, doubted=NO_DOUBT)))

@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from raw_drives import MASS, NAMES, RADIUS, START, Rows, cut, drive, real_folder, settings
 
+from smallwheel_ros.common.stamps import NEVER
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.checks.believed import RawRows
@@ -56,7 +57,7 @@ class Listening:
         for name, block in rows.items():
             self.streams.all[name].extend(*block)
         self.until = until
-        self.checks.take(RawRows(self.streams.samples(), until), last=last)
+        self.checks.take(RawRows(self.streams.kept(NEVER), until), last=last)
         return list(self.checks.findings)
 
     def flush(self) -> list[Finding]:

@@ -17,6 +17,7 @@ from smallwheel_ros.pipeline.checks.believed import MOVES, BelievedRows, RawRows
 from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
 from smallwheel_ros.pipeline.checks.unfelt import InertialSpeed, Unfelt
 from smallwheel_ros.pipeline.intake.buffer import Samples
+from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 from smallwheel_ros.simulate.sensors import Rows
 
@@ -114,6 +115,23 @@ def test_what_depends_on_a_doubted_speed_is_unknown_and_nothing_before_is() -> N
     assert unknown.any()
     assert np.array_equal(values[~unknown], rows[ODOMETRY][1][~unknown])
     assert np.isnan(found.speeds(stamps[unknown])).all()
+
+
+def test_why_slip_is_unknown_is_said() -> None:
+    """At the end of what has come, half a second after the odometry has begun to stop."""
+    said = []
+    for early in (1.0, 0.0):
+        rows = rows_of("pitch rate", early=early)
+        pipeline, until = Pipeline(VEHICLE), START + round((STOPS - 0.2) * SECOND)
+        for name in VEHICLE.streams:
+            stamps, values = rows.get(name, (np.empty(0, dtype=np.int64), None))
+            if stamps.size and values is not None:
+                come = stamps <= until
+                pipeline.streams.all[name].extend(stamps[come], values[come])
+        pipeline.streams.latest = until
+        list(pipeline.turns(last=True))
+        said.append(pipeline.doubt_of_slip(VEHICLE.wheels[0].name))
+    assert said == ["the imu does not feel how the speed of odom changes", ""]
 
 
 def observed(edges: list[int]) -> tuple[Array, Flags]:

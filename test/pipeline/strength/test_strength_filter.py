@@ -116,7 +116,7 @@ def test_forces_without_slopes_are_those_with_them(seed: int) -> None:
     x[[COHESION, OTHER]] = rng.uniform(0.0, 500.0), rng.uniform(-0.05, 0.1)
     on = replace(contact(4), factor=rng.uniform(0.6, 1.4, 4), other=rng.uniform(0.0, 5.0, 4))
     slip = rng.uniform(-0.3, 0.9, 4)
-    at = Rolling(ALL, on, np.full(4, 0.25), np.full(4, 0.1), slip, 0.1)
+    at = Rolling(ALL, on, np.full(4, 0.25), np.full(4, 0.1), slip, 0.1, np.ones(1))
     _, pull, rim = forces(x, now.cells, at)
     np.testing.assert_allclose(pull_and_rim(x, now.cells, at), [pull.value, rim.value], rtol=1e-12)
 
@@ -138,7 +138,9 @@ def test_what_a_rim_grips_with_is_not_taken_for_the_angle() -> None:
         strengths = Strengths(replace(PRIOR, rim_friction=mu), WHEELS, ALL, MASS)
         drive(strengths, 0.42)
         now = strengths.believed.newest[0]
-        at = Rolling(ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3), 0.0)
+        at = Rolling(
+            ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3), 0.0, np.ones(1)
+        )
         push = now.forces(at)[0]
         spread = float(np.sqrt(now.product(push.row, push.row))[0]) / float(push.value[0])
         held.append((angle_of(strengths).standard_deviation, spread))
@@ -185,7 +187,9 @@ def test_a_slippery_place_is_grip_and_not_strength() -> None:
     push = float(shown(0.5, 0.3, grip=0.4)[0])
     for i in range(6):
         strengths.take(step(60 + i, 0.3, balance(0.5, 0.3, grip=0.4)))
-    at = Rolling(ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3), 0.0)
+    at = Rolling(
+        ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3), 0.0, np.ones(1)
+    )
     found = strengths.believed.newest[0].forces(at)[0].value
     assert (push < found).all()
     assert (found < 1.7 * push).all()
@@ -216,7 +220,7 @@ def test_without_a_mass_or_one_of_the_wheels_there_is_no_balance(count: int) -> 
 
 def _one_wheel(slip: float) -> tuple[StrengthFilter, Rolling]:
     size = np.array([0.25]), np.array([0.1])
-    at = Rolling(np.array([0]), contact(1), *size, np.array([slip]), 0.0)
+    at = Rolling(np.array([0]), contact(1), *size, np.array([slip]), 0.0, np.ones(1))
     return StrengthFilter(PRIOR, WHEELS[:1], 0.0), at
 
 
@@ -334,7 +338,9 @@ def test_slopes_of_forces_are_those_of_differences(
 
     def at(slip: float) -> Rolling:
         on = replace(contact(1), factor=np.array([1.2]), other=np.array([1.0]))
-        return Rolling(np.array([1]), on, np.array([0.25]), np.array([0.1]), np.array([slip]), 0.1)
+        return Rolling(
+            np.array([1]), on, np.array([0.25]), np.array([0.1]), np.array([slip]), 0.1, np.ones(1)
+        )
 
     here = forces(x, made.cells, at(slip))
     for place, unit in enumerate(np.eye(len(x))):

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from raw_drives import NAMES, START, real_folder, settings
 
+from smallwheel_ros.common.stamps import NEVER
 from smallwheel_ros.onboard.declared import REFERENCE_SLIP
 from smallwheel_ros.onboard.settings import ODOMETRY
 from smallwheel_ros.pipeline.checks.believed import RawRows
@@ -301,7 +302,7 @@ def test_on_real_ground_on_which_no_vehicle_got_stuck(
     for stream in streams.all.values():
         stream.extend(*drive.rows[stream.name])
         streams.latest = max(streams.latest, stream.newest)
-    believed = SensorChecks(onboard).take(RawRows(streams.samples(), streams.latest))
+    believed = SensorChecks(onboard).take(RawRows(streams.kept(NEVER), streams.latest))
     aligned = Align(onboard).take(believed)
     assert aligned is not None
     rows = motion(MotionState.of(onboard), aligned, onboard)
