@@ -47,8 +47,9 @@ _CAPTION = (
     "slope included. Where something is not known there is a gap."
 )
 _OF_WHEELS = (
-    "Sinkage is predicted before the measurement of that instant is used, drawbar pull is at the slip of "
-    "that instant; bands: 95 %. Dotted lines: the soil changed (green), a warning or a problem (orange)."
+    "Sinkage, where it is known, is predicted before the measurement of that instant is used; drawbar pull "
+    "is at the slip of that instant; bands: 95 %. Dotted lines: the soil changed (green), a warning or a "
+    "problem (orange)."
 )
 _OF_SOIL = (
     "The estimated soil, p = k z^n D^m. The reference pressure is what the drive determines first; "
@@ -186,7 +187,7 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
         blocks.append(Callout(text, [extent, *summary["missing"]], "warning"))
         return blocks
     soil, events = summary["soil"], summary["events"]
-    sunk = any(wheel["used_for_soil"] for wheel in summary["wheels"].values())
+    sunk = _used(summary)
     lines = (
         [extent]
         if not sunk
@@ -317,7 +318,11 @@ def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
     return [
         *([Figure("path", maps, _CAPTION)] if maps else []),
         Figure("wheels", _wheel_panels(wheels, marks), _OF_WHEELS + thinned),
-        Figure("soil", _soil_panels(_soil_data(rows), marks), _OF_SOIL),
+        *(
+            [Figure("soil", _soil_panels(_soil_data(rows), marks), _OF_SOIL)]
+            if _used(summary)
+            else []
+        ),
     ]
 
 
@@ -359,7 +364,8 @@ def _wheel_panels(wheels: Sequence[dict[str, Any]], marks: Sequence[Mark]) -> li
             Layer("line", time, **wheel["sinkage"], colour=colour, name="predicted", width=1.2),
         ]
         shown = [layer for layer in sinkage if np.isfinite(np.asarray(layer.y, float)).any()]
-        panels.append(_over_time("sinkage [mm]", f"{name}: sinkage", shown, marks, down))
+        if shown:
+            panels.append(_over_time("sinkage [mm]", f"{name}: sinkage", shown, marks, down))
         known = wheel["pull"]["y"].dropna()
         if len(known):
             low, high = np.percentile(known, [0.5, 99.5])
@@ -403,11 +409,16 @@ def _match_rates(summary: dict[str, Any]) -> Table:
     return _table(header, rows, caption, range(1, 6))
 
 
+def _used(summary: dict[str, Any]) -> bool:
+    """Whether any sinkage was used for the soil, which else is as it was before the drive."""
+    return any(wheel["used_for_soil"] for wheel in summary["wheels"].values())
+
+
 def _soil(summary: dict[str, Any]) -> list[Block]:
     soil = summary["soil"]
     if summary["estimates"] == 0:
         return []
-    if not any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
+    if not _used(summary):
         return [Text("No sinkage was used: k, n and m are as they were before the drive.")]
     rows = []
     for name in ("reference_pressure", "effective_modulus", "k", "n", "m"):
@@ -427,7 +438,11 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
 def _events(summary: dict[str, Any]) -> list[Block]:
     rows = []
     for event in summary["events"]:
-        place = "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"])
+        place = (
+            ""
+            if event["place"] is None
+            else "({:.1f}, {:.1f})".format(*(round(c, 1) + 0.0 for c in event["place"]))
+        )
         again = f" ({event['times']} times; this is the first)" if event["times"] > 1 else ""
         rows.append(
             [f"{event['time']:.1f}", f"{event['travel']:.1f}", place, event["text"] + again]
@@ -482,7 +497,7 @@ def _inputs(summary: dict[str, Any]) -> list[Block]:
 
 def _caveats(summary: dict[str, Any]) -> Block:
     rows, lines = summary["measurements"]["rows"], []
-    if any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
+    if _used(summary):
         lines.append("A filter can hide a missing physical effect by bending k, n and m.")
         if rows:
             lines[-1] += (

@@ -235,7 +235,7 @@ def model_blocks(found: Comparison) -> list[Block]:
         Figure("errors", [_error_panel(found, channel) for channel in found.channels],
                "Solid: held out, with its standard error; pale: in sample."),
         Figure("measured_predicted", [_measured_panel(found, channel) for channel in found.channels],
-               "Held out where there are several runs; points beyond the axes are drawn at their edge."),
+               "Held out where there are several runs; points beyond the axes are only counted."),
     ]  # fmt: skip
     columns = [
         Column("model", "model", words), count("rows", "rows"), of_channel("held-out RMSE", "held_out_rmse"),
