@@ -239,7 +239,7 @@ class TableColumns:
     def lacking(self, messages: Iterable[str]) -> None:
         """Add a problem for each required column that is absent; the first one lists the columns present."""
         names = listed([heading.text for heading in self.headings.values()])
-        hint = f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
+        hint = f". The columns are {names}. If one of these is it, say so with --map NAME=HEADER"
         for i, message in enumerate(messages):
             self.add(message + ("" if i else hint))
 
@@ -462,7 +462,9 @@ def _mapped(layout: Layout, mapping: Mapping[str, str], columns: TableColumns) -
             continue
         what = "no column" if not at else "several columns" if len(at) > 1 else "twice"
         option = f"--map {clipped(ours)}={clipped(theirs)}"
-        columns.add(f"{option}: {what} '{clipped(theirs)}'. There is: {listed(layout.headers)}")
+        columns.add(
+            f"{option}: {what} '{clipped(theirs)}'. The columns are {listed(layout.headers)}"
+        )
     return wanted
 
 

@@ -340,7 +340,7 @@ def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Condi
     lacking = [(e.id, name) for e in model.effects for name in e.needs if name not in conditions]
     for id, name in lacking:
         there = ", ".join(("load", "diameter", "width", *conditions.covariates))
-        raise ModelError(f"effect '{id}' needs the column '{name}'. There is: {there}")
+        raise ModelError(f"effect '{id}' needs the column '{name}'. The columns are {there}")
     for effect in effects:
         for name in effect.needs:
             blank = np.flatnonzero(np.isnan(conditions[name]) & conditions.rolling)

@@ -16,7 +16,7 @@ from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.result import ResultError
 from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.drive.statements import WARNINGS
-from smallwheel_ros.measurements.display import number
+from smallwheel_ros.measurements.display import number, percent
 from smallwheel_ros.pipeline.refused import NO_ROW
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 from smallwheel_ros.replay.result import FILES, Replayed
@@ -250,7 +250,7 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
     lines = [f"Slip: {_unknown(slip['known'])}."]
     if slip["median"] is not None:
         lines = [
-            f"Slip: known in {slip['known']:.0%} of the estimates, half under {number(slip['median'], 2)},"
+            f"Slip: known in {percent(slip['known'])} of estimates, half under {number(slip['median'], 2)},"
             f" 95 % under {number(slip['quantile_95'], 2)}."
         ]
     if margin["median"] is not None:
@@ -279,7 +279,7 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
 
 def _unknown(known: float) -> str:
     """Why there are no typical values. known: share of the estimates that know the quantity, 0 to 1."""
-    return f"known in {known:.1%} of the estimates, too few to sum up" if known else "not known"
+    return f"known in {100 * known:.1f} % of estimates, too few to sum up" if known else "not known"
 
 
 def _sentences(texts: Sequence[str]) -> list[str]:
@@ -450,7 +450,7 @@ def _events(summary: dict[str, Any]) -> list[Block]:
     if not rows:
         text = "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
         return [Text(text)]
-    header = ["time [s]", "way [m]", "place [m]", "what"]
+    header = ["time [s]", "distance [m]", "place [m]", "what"]
     blocks: list[Block] = [_table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
     if rows[_MOST_EVENTS:]:
         more = _table(header, rows[_MOST_EVENTS:], numbers=(0, 1))

@@ -219,7 +219,7 @@ def test_a_model_whose_column_is_missing_predicts_nothing_and_says_so() -> None:
     found = standing(Model(SAND) + Exponential(), Model(SAND), data=plain)
     assert found.score(found.models[0], "sinkage") is None
     (why, rows), *_ = found.models[0].not_predicted
-    assert "effect 'slip_sinkage' needs the column 'slip'. There is: load" in why
+    assert "effect 'slip_sinkage' needs the column 'slip'. The columns are load" in why
     assert rows.size == 12
     assert "12 rows not predicted" in found.text()
     assert found.score(found.models[1], "sinkage") is not None
