@@ -432,7 +432,7 @@ def _headings(
         if near is not None and near not in names:
             columns.add(
                 f"header '{text}' is no known word, but nearly '{near}': correct it or its unit, or say "
-                f"what it is with --map {near}='{text}' (or --map '{text}'='{text}')"
+                f"--map {near}='{text}'; --map '{text}'='{text}' keeps it as a column of your own"
             )
     return found
 
@@ -533,7 +533,8 @@ def _take_numbers(
         columns.units[name] = expected or ("" if unit is None else base_unit(unit))
     except UnitsError as error:
         # Of a column in the wrong unit every value may look wrong: say nothing of those.
-        columns.problem(shown_unit(str(error)), name)
+        mend = "correct the unit, or say what the column is with --map NAME=HEADER"
+        columns.problem(f"{shown_unit(str(error))}: {mend}", name)
         return
     _check_cells(columns, name, parsed)
     if unit == "%":  # a cell of 20 % is 20 below [%]
