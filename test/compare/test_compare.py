@@ -628,6 +628,7 @@ def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> N
     ]
     alike = [line for line in text.splitlines() if line.endswith("within s.e.")]
     assert len(alike) == sum(within)
+    assert ("Within s.e.: worse than" in text) == any(within)
     assert "repeats of one run differ by" in text
     assert "nan" not in text.lower()
 
