@@ -119,7 +119,7 @@ class Model(Result, shown="model.model_file"):
         Raises
         ------
         ModelFileError
-            Naming file, key, what was found and what was expected.
+            If it cannot be used; the message names file, key, what was found and what was expected.
         """
         read = cls._view("read_model")
         assert read is not None

@@ -338,7 +338,7 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     Raises
     ------
     ModelFileError
-        Naming file, key, what was found and what was expected.
+        If it cannot be used; the message names file, key, what was found and what was expected.
     """
     file, registry = Path(path), effects or default_registry()
     try:

@@ -106,7 +106,7 @@ class Panel:
     spans, marks
         Shades in the background; vertical lines.
     height
-        inch.
+        Height of the plot, inch.
     wide
         Whether it takes the width of two plots.
     """
