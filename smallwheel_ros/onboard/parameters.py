@@ -10,7 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.common.errors import SmallwheelError, guess, nearest
 from smallwheel_ros.common.node_parameter import ALL, WHEEL, Value, filled
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.effects.registry import load
@@ -146,8 +146,8 @@ def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> l
     for name in values:
         if name in (*known, *_FOREIGN):
             continue
-        meant, sign, _ = nearest(name, known).partition("?")
-        mend = f": {meant}?" if sign else " (see config/template.yaml)"
+        question = guess(name, known).rstrip()
+        mend = f": {question}" if question else " (see config/template.yaml)"
         found.append(f"parameter {name} is unknown and not used{mend}")
     return found
 
@@ -416,7 +416,7 @@ def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[CalibratedModel,
     if name not in found:
         asked = f"has no soil '{name}'" if name else "has several soils"
         raise ParametersError(
-            f"{file} {asked}, parameter soil.name says which. {nearest(name or '', list(found))}"
+            f"{file} {asked}, parameter soil.name says which: {nearest(name or '', list(found))}"
         )
     return calibrated, model, found[name], note
 

@@ -398,7 +398,9 @@ class TestModelFile:
     def test_several_soils_need_a_name(self, model: Path) -> None:
         with pytest.raises(ParametersError, match=r"model.yaml has several soils, parameter soil"):
             settings_from(self.given(model_file=str(model)))
-        with pytest.raises(ParametersError, match=r"has no soil 'clay'.*There is: dry_sand, moist"):
+        with pytest.raises(
+            ParametersError, match=r"has no soil 'clay'.*xpected one of dry_sand, moist"
+        ):
             settings_from(self.given(model_file=str(model), **{"soil.name": "clay"}))
 
     def test_one_soil_needs_none(self, tmp_path: Path) -> None:
