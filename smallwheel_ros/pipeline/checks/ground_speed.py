@@ -133,7 +133,15 @@ class GroundSpeed:
         self._inertial, self._unfelt = InertialSpeed(settings.gravity), Unfelt(settings.gravity)
 
     def take(self, raw: Mapping[str, Samples], since: int) -> None:
-        """Add the rows that arrived, by stream; those before a stamp (ns) are not needed any more."""
+        """Add the rows that arrived.
+
+        Parameters
+        ----------
+        raw
+            Rows by stream.
+        since
+            ns; rows before it are needed no more.
+        """
         for stream in (self.moves, self.felt, self._own, self._trust):
             stream.forget(since)
         self._raw = raw
