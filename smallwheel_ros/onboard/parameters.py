@@ -153,14 +153,24 @@ def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> l
 
 
 def problems(values: Mapping[str, object]) -> list[str]:
-    """Sentences about wrong values of parameters, one each; unknown parameters are not checked."""
+    """Sentences about wrong values of parameters, one each; unknown parameters are not checked.
+
+    A wrong value of `all_wheels` is reported once, not of each wheel that has it from there.
+    """
     try:
         wheels = wheel_names(values.get("wheels"))
     except ParametersError as error:
         return [str(error)]
     values = for_each_wheel(values)
-    found = (p.problem(values.get(p.name)) for p in parameters_for(wheels))
-    return [problem for problem in found if problem is not None]
+    found = {p.name: p.problem(values.get(p.name)) for p in parameters_for(wheels)}
+    inherited = for_each_wheel(
+        {name: values.get(name) for name in ("wheels", *(row.name for row in OF_ALL))}
+    )
+    for row in OF_ALL:
+        for own in (row.name.replace(ALL, wheel) for wheel in wheels):
+            if found[row.name] and values.get(own) == inherited.get(own):
+                found[own] = None
+    return [problem for problem in found.values() if problem is not None]
 
 
 def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
