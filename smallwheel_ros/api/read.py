@@ -48,7 +48,8 @@ def read(
     Raises
     ------
     MeasurementsError
-        That names file, row, column, what was found and what was expected.
+        If the table cannot be used; the message names file, row, column, what was found and what was
+        expected.
 
     Examples
     --------

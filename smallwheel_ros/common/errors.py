@@ -26,7 +26,22 @@ def reason(error: Exception) -> str:
 
 
 def nearest(name: str, known: list[str]) -> str:
-    """Make a clause for error messages that lists the names that exist, the nearest match first.
+    """Make a clause for error messages: the nearest match, if one is near, and the names that exist.
+
+    Parameters
+    ----------
+    name
+        The unknown name.
+    known
+        The names that exist.
+    """
+    hint = guess(name, known)
+    which = f"xpected {'one of ' if len(known) > 1 else ''}{', '.join(sorted(known))}"
+    return f"{hint}{'E' if hint else 'e'}{which}"
+
+
+def guess(name: str, known: list[str]) -> str:
+    """Make a question for error messages: whether the nearest match was meant; empty if none is near.
 
     Parameters
     ----------
@@ -36,8 +51,7 @@ def nearest(name: str, known: list[str]) -> str:
         The names that exist.
     """
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f"did you mean '{close[0]}'? " if close else ""
-    return f"{hint}There is: {', '.join(sorted(known))}"
+    return f"did you mean '{close[0]}'? " if close else ""
 
 
 def kind_of(value: object) -> str:

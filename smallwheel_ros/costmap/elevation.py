@@ -76,7 +76,7 @@ def elevation_from(message: Any, layer: str, length: float, names: Sequence[str]
     Raises
     ------
     CostMapError
-        Naming what is wrong with the message, what was found and what was expected.
+        If the message cannot be used; the error says what is wrong with it, and what was expected.
     """
     info = message.info
     check_straight(info.pose.orientation, "the map of elevations")

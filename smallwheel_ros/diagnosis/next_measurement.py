@@ -25,7 +25,7 @@ from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, Predictor
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.measurements.display import effect_words, setting_words, words
+from smallwheel_ros.measurements.display import setting_words, to_tell, words
 from smallwheel_ros.model.model import predict
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
 
@@ -184,7 +184,7 @@ def propose(
     power = float(ndtr(np.sqrt(gain[best]) - np.sqrt(2.0 * TIE)))
     settings = {name: float(f"{column[best]:.3g}") for name, column in runs.settings.items()}
     shown = ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in settings.items())
-    text = f"{RUNS} runs at {shown} tell {effect_words(names[0])} from {effect_words(names[1])}"
+    text = f"{RUNS} runs at {shown} tell {to_tell(names)}"
     return Proposal(settings, names, RUNS, power, text + (f"; {hint}" if hint else ""))
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.common.errors import SmallwheelError, guess
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.model.derived import derived_numbers
 from smallwheel_ros.physics.soil import Soil
@@ -140,8 +140,10 @@ class WithParameters:
                 f"parameter '{name}': several have it, say which: {', '.join(mine)}"
             )
         short = [*known, *dict.fromkeys(p.name for p in known.values())]
-        close = nearest(str(name), short).partition("There is")[0]
-        raise ParameterNameError(f"no parameter '{name}': {close}There is: {', '.join(known)}")
+        question = guess(str(name), short)
+        raise ParameterNameError(
+            f"no parameter '{name}'. {question}The names are {', '.join(known)}"
+        )
 
     __iter__ = None  # it is asked for names, not gone through
 

@@ -427,7 +427,7 @@ def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, boo
     if beyond.any():
         said += f" ({percent(_rms(share[beyond]))} at slips over {_FURTHEST:g})"
     if off <= _FAR_OFF * usual:
-        return f"{said}, about what its law is known to ({percent(usual)})", False
+        return f"{said}, about as far as its law usually is ({percent(usual)})", False
     return (
         f"{said}, where its law is usually off by {percent(usual)}: look at its sign and zero, at the zero "
         "of sinkage, and at what else pulls"

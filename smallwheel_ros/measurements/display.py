@@ -47,9 +47,17 @@ def words(name: str) -> str:
 def effect_words(name: str) -> str:
     """An effect in words; `unknown:slip@sinkage` is a curve without a name."""
     if not name.startswith("unknown:"):
-        return "nothing more" if name == "none" else words(name)
+        return words(name)
     setting, _, stage = name.removeprefix("unknown:").partition("@")
     return f"something that follows {words(setting)}" + (f" (at the {stage})" if stage else "")
+
+
+def to_tell(names: Sequence[str]) -> str:
+    """Say what runs are to tell: one effect from another, or whether one is missing; "none" is no effect."""
+    effects = [name for name in names if name != "none"]
+    if len(effects) == 1:
+        return f"whether {effect_words(effects[0])} is missing"
+    return listed(effects, "from")
 
 
 def percent(share: float | None, *, signed: bool = False) -> str:

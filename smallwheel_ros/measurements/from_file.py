@@ -69,7 +69,7 @@ _BLANK_ROLLING = (
     "the cell is blank in a rolling row, expected a value (a whole column may be left out, and a "
     "pressed or plate row may leave it blank)"
 )
-_ANSWERS = "taken as what the wheel answers, not as settings: {}"
+_ANSWERS = "taken as responses of the wheel, not settings: {}"
 
 
 def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurements:

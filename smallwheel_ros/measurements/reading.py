@@ -239,7 +239,7 @@ class TableColumns:
     def lacking(self, messages: Iterable[str]) -> None:
         """Add a problem for each required column that is absent; the first one lists the columns present."""
         names = listed([heading.text for heading in self.headings.values()])
-        hint = f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
+        hint = f". The columns are {names}. If one of these is it, say so with --map NAME=HEADER"
         for i, message in enumerate(messages):
             self.add(message + ("" if i else hint))
 
@@ -432,7 +432,7 @@ def _headings(
         if near is not None and near not in names:
             columns.add(
                 f"header '{text}' is no known word, but nearly '{near}': correct it or its unit, or say "
-                f"what it is with --map {near}='{text}' (or --map '{text}'='{text}')"
+                f"--map {near}='{text}'; --map '{text}'='{text}' keeps it as a column of your own"
             )
     return found
 
@@ -462,7 +462,9 @@ def _mapped(layout: Layout, mapping: Mapping[str, str], columns: TableColumns) -
             continue
         what = "no column" if not at else "several columns" if len(at) > 1 else "twice"
         option = f"--map {clipped(ours)}={clipped(theirs)}"
-        columns.add(f"{option}: {what} '{clipped(theirs)}'. There is: {listed(layout.headers)}")
+        columns.add(
+            f"{option}: {what} '{clipped(theirs)}'. The columns are {listed(layout.headers)}"
+        )
     return wanted
 
 
@@ -531,7 +533,8 @@ def _take_numbers(
         columns.units[name] = expected or ("" if unit is None else base_unit(unit))
     except UnitsError as error:
         # Of a column in the wrong unit every value may look wrong: say nothing of those.
-        columns.problem(shown_unit(str(error)), name)
+        mend = "correct the unit, or say what the column is with --map NAME=HEADER"
+        columns.problem(f"{shown_unit(str(error))}: {mend}", name)
         return
     _check_cells(columns, name, parsed)
     if unit == "%":  # a cell of 20 % is 20 below [%]

@@ -289,8 +289,8 @@ def limits_of(
             read = typed(name, levels, unit) if isinstance(levels, str) else levels_of(name, levels)
         except RangeError as error:
             raise ArgumentError(
-                f"can {name}: found {levels!r}, expected numbers as in {name}=0..0.6 or {name}=20,40,60 (SI "
-                f"units, or with a unit after it): {error}"
+                f"can {error}; write numbers as in {name}=0..0.6 or {name}=20,40,60, in SI units or with a "
+                "unit after them"
             ) from None
         told(read.said)
         found[name] = [float(v) for v in read.values]

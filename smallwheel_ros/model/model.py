@@ -119,7 +119,7 @@ class Model(Result, shown="model.model_file"):
         Raises
         ------
         ModelFileError
-            Naming file, key, what was found and what was expected.
+            If it cannot be used; the message names file, key, what was found and what was expected.
         """
         read = cls._view("read_model")
         assert read is not None
@@ -340,7 +340,7 @@ def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Condi
     lacking = [(e.id, name) for e in model.effects for name in e.needs if name not in conditions]
     for id, name in lacking:
         there = ", ".join(("load", "diameter", "width", *conditions.covariates))
-        raise ModelError(f"effect '{id}' needs the column '{name}'. There is: {there}")
+        raise ModelError(f"effect '{id}' needs the column '{name}'. The columns are {there}")
     for effect in effects:
         for name in effect.needs:
             blank = np.flatnonzero(np.isnan(conditions[name]) & conditions.rolling)

@@ -338,7 +338,7 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     Raises
     ------
     ModelFileError
-        Naming file, key, what was found and what was expected.
+        If it cannot be used; the message names file, key, what was found and what was expected.
     """
     file, registry = Path(path), effects or default_registry()
     try:
@@ -347,7 +347,9 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
         raise ModelFileError(f"{file}: {error}") from error
     top = _Entry(file, "", parsed)
     if not isinstance(parsed, dict) or "smallwheel_model" not in parsed:
-        raise top.wrong("not a model file: it has no key smallwheel_model")
+        raise top.wrong(
+            "not a model file: it has no key smallwheel_model; `smallwheel fit` writes one"
+        )
     if parsed["smallwheel_model"] != VERSION:
         raise top.get("smallwheel_model").unlike(f"version {VERSION}")
     top.mapping(*_TOP)

@@ -10,7 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.common.errors import SmallwheelError, guess, nearest
 from smallwheel_ros.common.node_parameter import ALL, WHEEL, Value, filled
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.effects.registry import load
@@ -146,21 +146,31 @@ def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> l
     for name in values:
         if name in (*known, *_FOREIGN):
             continue
-        meant, sign, _ = nearest(name, known).partition("?")
-        mend = f": {meant}?" if sign else " (see config/template.yaml)"
+        question = guess(name, known).rstrip()
+        mend = f": {question}" if question else " (see config/template.yaml)"
         found.append(f"parameter {name} is unknown and not used{mend}")
     return found
 
 
 def problems(values: Mapping[str, object]) -> list[str]:
-    """Sentences about wrong values of parameters, one each; unknown parameters are not checked."""
+    """Sentences about wrong values of parameters, one each; unknown parameters are not checked.
+
+    A wrong value of `all_wheels` is reported once, not of each wheel that has it from there.
+    """
     try:
         wheels = wheel_names(values.get("wheels"))
     except ParametersError as error:
         return [str(error)]
     values = for_each_wheel(values)
-    found = (p.problem(values.get(p.name)) for p in parameters_for(wheels))
-    return [problem for problem in found if problem is not None]
+    found = {p.name: p.problem(values.get(p.name)) for p in parameters_for(wheels)}
+    inherited = for_each_wheel(
+        {name: values.get(name) for name in ("wheels", *(row.name for row in OF_ALL))}
+    )
+    for row in OF_ALL:
+        for own in (row.name.replace(ALL, wheel) for wheel in wheels):
+            if found[row.name] and values.get(own) == inherited.get(own):
+                found[own] = None
+    return [problem for problem in found.values() if problem is not None]
 
 
 def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
@@ -416,7 +426,7 @@ def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[CalibratedModel,
     if name not in found:
         asked = f"has no soil '{name}'" if name else "has several soils"
         raise ParametersError(
-            f"{file} {asked}, parameter soil.name says which. {nearest(name or '', list(found))}"
+            f"{file} {asked}, parameter soil.name says which: {nearest(name or '', list(found))}"
         )
     return calibrated, model, found[name], note
 

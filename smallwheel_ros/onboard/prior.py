@@ -42,7 +42,7 @@ def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
     for name, effect in read.items():
         if name not in _COVARIATES:
             raise EstimatorError(
-                f"effect '{effect}' needs '{name}', which the robot is not given. There is:"
+                f"effect '{effect}' needs '{name}', which the robot is not given. It is given"
                 f" {', '.join(_COVARIATES)}"
             )
     return tuple(name for name in ("slip", "speed") if name in read)

@@ -151,7 +151,7 @@ class Conditions:
             return self.covariates[name]
         except KeyError:
             there = ", ".join(("load", "diameter", "width", *self.covariates))
-            raise ConditionsError(f"no column '{name}'. There is: {there}") from None
+            raise ConditionsError(f"no column '{name}'. The columns are {there}") from None
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Conditions:
         """The rows of that index or mask."""

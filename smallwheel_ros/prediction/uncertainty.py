@@ -271,7 +271,7 @@ def _about(
 _WHEEL_WORDS = {
     "rolling_share": "share of rolling in the shear",
     "rim_friction": "bare rim's friction over the soil's",
-    "pressure_peak": "peak of the pressure at slip 1, of the arc",
+    "pressure_peak": "place of the largest pressure on the arc at slip 1",
 }
 
 

@@ -291,7 +291,7 @@ def many_text(outcomes: Sequence[Outcome]) -> str:
             row[2:4] = [f"{summary['travel']:.1f}", str(summary["estimates"])]
             row[4:] = [str(soil["changes"]), f"{pressure:.3g} +- {deviation:.2g}"]
         rows.append(row)
-    header = ["bag", "", "way [m]", "estimates", "soil changes", "reference pressure [kPa]"]
+    header = ["bag", "", "distance [m]", "estimates", "soil changes", "reference pressure [kPa]"]
     lines = [text_table(header, rows)]
     lines += [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
     return "\n".join(lines)

@@ -16,7 +16,7 @@ from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.result import ResultError
 from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.drive.statements import WARNINGS
-from smallwheel_ros.measurements.display import number
+from smallwheel_ros.measurements.display import number, percent
 from smallwheel_ros.pipeline.refused import NO_ROW
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 from smallwheel_ros.replay.result import FILES, Replayed
@@ -47,8 +47,9 @@ _CAPTION = (
     "slope included. Where something is not known there is a gap."
 )
 _OF_WHEELS = (
-    "Sinkage is predicted before the measurement of that instant is used, drawbar pull is at the slip of "
-    "that instant; bands: 95 %. Dotted lines: the soil changed (green), a warning or a problem (orange)."
+    "Sinkage, where it is known, is predicted before the measurement of that instant is used; drawbar pull "
+    "is at the slip of that instant; bands: 95 %. Dotted lines: the soil changed (green), a warning or a "
+    "problem (orange)."
 )
 _OF_SOIL = (
     "The estimated soil, p = k z^n D^m. The reference pressure is what the drive determines first; "
@@ -186,7 +187,7 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
         blocks.append(Callout(text, [extent, *summary["missing"]], "warning"))
         return blocks
     soil, events = summary["soil"], summary["events"]
-    sunk = any(wheel["used_for_soil"] for wheel in summary["wheels"].values())
+    sunk = _used(summary)
     lines = (
         [extent]
         if not sunk
@@ -249,7 +250,7 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
     lines = [f"Slip: {_unknown(slip['known'])}."]
     if slip["median"] is not None:
         lines = [
-            f"Slip: known in {slip['known']:.0%} of the estimates, half under {number(slip['median'], 2)},"
+            f"Slip: known in {percent(slip['known'])} of estimates, half under {number(slip['median'], 2)},"
             f" 95 % under {number(slip['quantile_95'], 2)}."
         ]
     if margin["median"] is not None:
@@ -278,7 +279,7 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
 
 def _unknown(known: float) -> str:
     """Why there are no typical values. known: share of the estimates that know the quantity, 0 to 1."""
-    return f"known in {known:.1%} of the estimates, too few to sum up" if known else "not known"
+    return f"known in {100 * known:.1f} % of estimates, too few to sum up" if known else "not known"
 
 
 def _sentences(texts: Sequence[str]) -> list[str]:
@@ -317,7 +318,11 @@ def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
     return [
         *([Figure("path", maps, _CAPTION)] if maps else []),
         Figure("wheels", _wheel_panels(wheels, marks), _OF_WHEELS + thinned),
-        Figure("soil", _soil_panels(_soil_data(rows), marks), _OF_SOIL),
+        *(
+            [Figure("soil", _soil_panels(_soil_data(rows), marks), _OF_SOIL)]
+            if _used(summary)
+            else []
+        ),
     ]
 
 
@@ -359,7 +364,8 @@ def _wheel_panels(wheels: Sequence[dict[str, Any]], marks: Sequence[Mark]) -> li
             Layer("line", time, **wheel["sinkage"], colour=colour, name="predicted", width=1.2),
         ]
         shown = [layer for layer in sinkage if np.isfinite(np.asarray(layer.y, float)).any()]
-        panels.append(_over_time("sinkage [mm]", f"{name}: sinkage", shown, marks, down))
+        if shown:
+            panels.append(_over_time("sinkage [mm]", f"{name}: sinkage", shown, marks, down))
         known = wheel["pull"]["y"].dropna()
         if len(known):
             low, high = np.percentile(known, [0.5, 99.5])
@@ -403,11 +409,16 @@ def _match_rates(summary: dict[str, Any]) -> Table:
     return _table(header, rows, caption, range(1, 6))
 
 
+def _used(summary: dict[str, Any]) -> bool:
+    """Whether any sinkage was used for the soil, which else is as it was before the drive."""
+    return any(wheel["used_for_soil"] for wheel in summary["wheels"].values())
+
+
 def _soil(summary: dict[str, Any]) -> list[Block]:
     soil = summary["soil"]
     if summary["estimates"] == 0:
         return []
-    if not any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
+    if not _used(summary):
         return [Text("No sinkage was used: k, n and m are as they were before the drive.")]
     rows = []
     for name in ("reference_pressure", "effective_modulus", "k", "n", "m"):
@@ -427,7 +438,11 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
 def _events(summary: dict[str, Any]) -> list[Block]:
     rows = []
     for event in summary["events"]:
-        place = "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"])
+        place = (
+            ""
+            if event["place"] is None
+            else "({:.1f}, {:.1f})".format(*(round(c, 1) + 0.0 for c in event["place"]))
+        )
         again = f" ({event['times']} times; this is the first)" if event["times"] > 1 else ""
         rows.append(
             [f"{event['time']:.1f}", f"{event['travel']:.1f}", place, event["text"] + again]
@@ -435,7 +450,7 @@ def _events(summary: dict[str, Any]) -> list[Block]:
     if not rows:
         text = "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
         return [Text(text)]
-    header = ["time [s]", "way [m]", "place [m]", "what"]
+    header = ["time [s]", "distance [m]", "place [m]", "what"]
     blocks: list[Block] = [_table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
     if rows[_MOST_EVENTS:]:
         more = _table(header, rows[_MOST_EVENTS:], numbers=(0, 1))
@@ -482,7 +497,7 @@ def _inputs(summary: dict[str, Any]) -> list[Block]:
 
 def _caveats(summary: dict[str, Any]) -> Block:
     rows, lines = summary["measurements"]["rows"], []
-    if any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
+    if _used(summary):
         lines.append("A filter can hide a missing physical effect by bending k, n and m.")
         if rows:
             lines[-1] += (

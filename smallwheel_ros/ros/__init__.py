@@ -30,8 +30,8 @@ def check_ros() -> None:
     for module, words in lacking.items():
         if importlib.util.find_spec(module) is None:
             raise NodeProcessError(
-                f"this Python has {words}: run `make env` in a checkout, which puts both into its .venv, or"
-                " source an installation of ROS 2 Jazzy in which smallwheel_ros is built"
+                f"this Python has {words}: run `make env` in a checkout, which puts ROS 2 and this package "
+                "into its .venv, or source an installation of ROS 2 Jazzy in which smallwheel_ros is built"
             )
 
 

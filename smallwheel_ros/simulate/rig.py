@@ -68,7 +68,19 @@ RunSettings = dict[str, float]
 
 @dataclass(frozen=True)
 class RigDesign:
-    """The rig: wheel sizes (m), soil, ranges of the settings, extra columns."""
+    """The rig: its soil, wheels and settings.
+
+    Attributes
+    ----------
+    soil
+        The soil.
+    diameters, widths
+        Sizes of the wheels, m.
+    ranges
+        Lowest and highest value of each setting, SI units and radians.
+    tie
+        The two settings that are driven together, the leading one first; empty for none.
+    """
 
     soil: TruthSoil
     diameters: tuple[float, ...]

@@ -97,7 +97,9 @@ def check_settings(settings: Any) -> tuple[str, ...]:
         if within and not isinstance(within[0], str):
             check_range(name.replace("_", " "), value, *within)
         elif within and value not in within and not is_dataclass(value):  # not a rover of your own
-            raise SimulationError(f"{name} {value!r} is unknown: expected {' or '.join(within)}")
+            raise SimulationError(
+                f"{name} {value!r} is unknown: expected one of {', '.join(within)}"
+            )
     return check_hidden(settings.hidden)
 
 
@@ -249,9 +251,9 @@ class DriveSettings:
     seed: Seed = 0
     distance: Annotated[float, Option("Distance, m.", (2.0, 20_000.0, "m"))] = 30.0
     speed: Annotated[float, Option("Mean speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
-    wheels: Annotated[str | SimulatedRover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = (
-        "four"
-    )
+    wheels: Annotated[
+        str | SimulatedRover, Option(f"One of {', '.join(ROVERS)}.", tuple(ROVERS))
+    ] = "four"
     terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
     stretches: tuple[Stretch, ...] | None = None
     sensors: Sensors = SENSORS

@@ -57,9 +57,9 @@ if TYPE_CHECKING:
 
 _WORST = 8  # parts shown before the rest is folded away
 _CLEAR = 2.0  # times its standard error that a bias must be to be called one
-_LEGEND = (
-    "± s.e.: standard error over runs.",
-    "Within s.e.: worse than the best model by no more than the standard error of the difference.",
+_ERROR = "± s.e.: standard error over runs."
+_WITHIN = (
+    "Within s.e.: worse than the best model by no more than the standard error of the difference."
 )
 _CAVEATS = (
     "The run, not the row, is the unit of evidence: rows of one run are repeats and are held out together.",
@@ -235,13 +235,14 @@ def model_blocks(found: Comparison) -> list[Block]:
         Figure("errors", [_error_panel(found, channel) for channel in found.channels],
                "Solid: held out, with its standard error; pale: in sample."),
         Figure("measured_predicted", [_measured_panel(found, channel) for channel in found.channels],
-               "Held out where there are several runs; points beyond the axes are drawn at their edge."),
+               "Held out where there are several runs; points beyond the axes are only counted."),
     ]  # fmt: skip
     columns = [
         Column("model", "model", words), count("rows", "rows"), of_channel("held-out RMSE", "held_out_rmse"),
         of_channel("± s.e.", "held_out_rmse_std"), of_channel("held-out bias", "held_out_bias"),
         of_channel("in-sample RMSE", "in_sample_rmse"), Column("against the best", "against"),
     ]  # fmt: skip
+    shown: list[Row] = []
     for channel in found.channels:
         best = found.best(channel)
         against = {d["other"]: "within s.e." if d["within_standard_error"] else
@@ -255,7 +256,9 @@ def model_blocks(found: Comparison) -> list[Block]:
             f"repeats of one run differ by {shown_value(channel, repeats)}")  # fmt: skip
         caption = f"{words(channel).capitalize()}, {known}; bias is measured minus predicted"
         blocks.append(Table(columns, rows, caption, strong=lambda row: row["against"] == "best"))
-    blocks += [Text(items=_LEGEND)] if found.channels else []
+        shown += rows
+    within = any(row["against"] == "within s.e." for row in shown)
+    blocks += [Text(items=[_ERROR, *([_WITHIN] if within else [])])] if found.channels else []
     reasons = [
         f"{words(m.contender.name)}, {rows.size} rows not predicted (first in {place} "
         f"{line[rows[0]]}): {why}."

@@ -21,6 +21,7 @@ from smallwheel_ros.measurements.display import (
     region_words,
     setting_words,
     shown_value,
+    to_tell,
     words,
 )
 from smallwheel_ros.views.blocks import (
@@ -68,9 +69,9 @@ _FLOOR = (
     "row and the scatter from run to run"
 )
 _OVER_CHANNELS = (
-    "; over all channels that decide, as 1 minus the root mean square of each one's error with the effect "
-    "over without: one channel's error may rise while another's falls (where an effect can be set, its "
-    "falls are given by channel)"
+    "; over all channels that decide, as 1 minus the root mean square of the ratios of their errors with and "
+    "without it: one channel's error may rise while another's falls (where an effect can be set, its errors "
+    "are given by channel)"
 )
 _MAY_BE_LOWER = (
     "; with something still missing, part of it may be taken for scatter, and a true model's error be "
@@ -134,8 +135,8 @@ def text(found: Diagnosis) -> str:
     if proposals := document["next_measurements"][:_PROPOSALS]:
         lines += ["", "What to measure next"]
         for row in proposals:
-            apart = listed(row["separates"] or [], "from")
-            lines.append(f"  {row['runs']} runs at {_settings(row['settings'])}: tells {apart}")
+            what = to_tell(row["separates"] or ())
+            lines.append(f"  {row['runs']} runs at {_settings(row['settings'])}: to tell {what}")
     notes = Text("What to keep in mind", grouped(document["notes"])).lines()
     left = max(_SCREEN - len(lines) - 4, 0)
     if len(notes) > 1 and left > 1:
@@ -255,7 +256,7 @@ def _ranking(rows: Sequence[Row], named: Sequence[str]) -> Table:
         probability("probability", "probability"),
         share_of("error removed", "reduction"), Column("", "reason", _doubts),
     ]  # fmt: skip
-    caption = "Probability: all others compete. Error removed: by the effect alone, added to the base model"
+    caption = "Probability: against all others. Error removed: by the effect alone, added to the base model"
     if any(len(row.get("held_out_rmse") or {}) > 1 for row in rows):
         caption += _OVER_CHANNELS
     return Table(columns, rows, caption, strong=lambda row: row["effect"] in named)
@@ -400,7 +401,7 @@ def next_blocks(document: Document) -> list[Block]:
     """The measurements that would decide."""
     columns = [
         Column("settings", "settings", _settings),
-        Column("tells apart", "separates", lambda names: listed(names or [], "from")),
+        Column("to tell", "separates", lambda names: to_tell(names or ())),
         count("runs", "runs"), share_of("chance to decide", "expected_power"),
         Column("", "text", lambda text: (text or "").partition("; ")[2]),
     ]  # fmt: skip

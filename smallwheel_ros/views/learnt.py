@@ -137,7 +137,8 @@ def _tied(document: Document) -> list[Block]:
         apart = ", ".join(f"{stage} {number(value, 2)}" for value, stage in sorted(stages))
         blocks.append(
             Text(
-                f"What sinkage and resistance require of each stage differs by: {apart} (1: noise)."
+                "How far sinkage and resistance disagree about the change at each stage: "
+                f"{apart} (1: within noise)."
             )
         )
     if law is not None:

@@ -106,7 +106,7 @@ class Panel:
     spans, marks
         Shades in the background; vertical lines.
     height
-        inch.
+        Height of the plot, inch.
     wide
         Whether it takes the width of two plots.
     """
@@ -166,11 +166,17 @@ def draw(axes: Axes, panel: Panel) -> None:
         axes.axvline(mark.x, color=PALETTE[mark.colour], linewidth=1.0, linestyle=":")
     if panel.log:
         axes.set_yscale("log")
-    axes.set_aspect("equal" if panel.equal else "auto")
+    if panel.equal:
+        # By wider limits, so that the axes of a narrow path are no strip without room for their numbers.
+        axes.set_aspect("equal", adjustable="datalim")
     decorate(axes, panel)
-    axes.set(xlim=panel.x_range or axes.get_xlim(), ylim=panel.y_range or axes.get_ylim())
+    if not panel.equal:  # whose limits follow from the room that there is
+        axes.set(xlim=panel.x_range or axes.get_xlim(), ylim=panel.y_range or axes.get_ylim())
     if panel.key and any(layer.name for layer in panel.layers):
-        axes.legend(fontsize=7.5, frameon=False, labelcolor=PALETTE["ink"])
+        # Above a path, which the search for a free place does not see.
+        way = any(layer.kind == "way" for layer in panel.layers)
+        where = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)} if way else {}
+        axes.legend(fontsize=7.5, frameon=False, labelcolor=PALETTE["ink"], **where)
 
 
 def decorate(axes: Axes, panel: Panel) -> None:
@@ -215,7 +221,8 @@ def _draw_layer(axes: Axes, panel: Panel, layer: Layer) -> None:
             LineCollection(list(ends), cmap="cividis_r", linewidth=3.5, zorder=0.9)
         )
         way.set_array(np.asarray(layer.value, float)[:-1])
-        way.set_clim(vmin=min(0.0, np.nanmin(layer.value)))
+        least, most = min(0.0, float(np.nanmin(layer.value))), float(np.nanmax(layer.value))
+        way.set_clim(least, most if most > least else least + 1.0)
         axes.figure.colorbar(way, ax=axes, shrink=0.9, aspect=12, pad=0.01).ax.tick_params(
             labelsize=7.5, length=0, colors=PALETTE["ink"])  # fmt: skip
         axes.autoscale()

@@ -110,8 +110,8 @@ def test_columns_of_numbers_are_set_to_the_right() -> None:
 
 def test_errors_say_what_there_is() -> None:
     assert issubclass(ArgumentError, SmallwheelError)
-    assert nearest("slp", ["slip", "load"]) == "did you mean 'slip'? There is: load, slip"
-    assert nearest("xyz", ["slip", "load"]) == "There is: load, slip"
+    assert nearest("slp", ["slip", "load"]) == "did you mean 'slip'? Expected one of load, slip"
+    assert nearest("xyz", ["slip", "load"]) == "expected one of load, slip"
     assert reason(OSError(2, "No such file or directory")) == "No such file or directory"
     assert reason(ValueError()) == "ValueError"
     assert (kind_of(None), kind_of(3)) == ("nothing", "int")

@@ -219,7 +219,7 @@ def test_a_model_whose_column_is_missing_predicts_nothing_and_says_so() -> None:
     found = standing(Model(SAND) + Exponential(), Model(SAND), data=plain)
     assert found.score(found.models[0], "sinkage") is None
     (why, rows), *_ = found.models[0].not_predicted
-    assert "effect 'slip_sinkage' needs the column 'slip'. There is: load" in why
+    assert "effect 'slip_sinkage' needs the column 'slip'. The columns are load" in why
     assert rows.size == 12
     assert "12 rows not predicted" in found.text()
     assert found.score(found.models[1], "sinkage") is not None
@@ -628,6 +628,7 @@ def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> N
     ]
     alike = [line for line in text.splitlines() if line.endswith("within s.e.")]
     assert len(alike) == sum(within)
+    assert ("Within s.e.: worse than" in text) == any(within)
     assert "repeats of one run differ by" in text
     assert "nan" not in text.lower()
 

@@ -139,7 +139,7 @@ def test_unknown_names_are_answered_with_the_nearest() -> None:
         effect("slip_sinkege")
     with pytest.raises(EffectError, match="has no form 'quadratc': did you mean 'quadratic'"):
         effect("slip_sinkage", "quadratc")
-    with pytest.raises(EffectError, match=r"has no parameter 'b': There is: a$"):
+    with pytest.raises(EffectError, match=r"has no parameter 'b': expected a$"):
         effect("slip_sinkage", b=1.0)
     with pytest.raises(EffectError, match="'slope', form 'gravity', has no parameter 'a'"):
         effect("slope", a=1.0)

@@ -145,7 +145,8 @@ def test_what_the_bag_does_not_tell_is_marked_and_stops_a_replay(bag: Path, tmp_
     assert f"smallwheel init {bag} -o rover.yaml" in refused
     assert not (tmp_path / "out").exists()
     half = run("replay", bag, "--config", tmp_path / "rover.yaml", "-o", tmp_path / "out", code=2)
-    assert "front_left.diameter is string 'FILL_IN'" in half.stderr
+    assert "all_wheels.diameter is string 'FILL_IN'" in half.stderr
+    assert "front_left.diameter" not in half.stderr  # said once, not of each wheel
     assert "from 0.005 to 5 m: write the number in its place" in half.stderr
     sizes = text.replace(f"diameter: {FILL_IN}", "diameter: 0.25").replace(f": {FILL_IN}", ": 1")
     (tmp_path / "rover.yaml").write_text(sizes)

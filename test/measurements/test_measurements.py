@@ -318,7 +318,11 @@ def test_damaged_parquet(tmp_path: Path) -> None:
         (HEADER + ",", ROW + ",8", "column 6 has no name"),
         ("60,0.2,0.1,8", ROW, "line 1: nothing but numbers, expected a header"),
         (HEADER + ",q [m", ROW + ",8", "header 'q [m': expected a name and one unit"),
-        ("diameter,width,sinkage", "1,1,0.1", "no column 'load' (normal load on the wheel). There is: diam"),
+        (
+            "diameter,width,sinkage",
+            "1,1,0.1",
+            "no column 'load' (normal load on the wheel). The columns are diam",
+        ),
         ("load,diameter,width,sinkge_mm", "1,1,1,0.1", "'sinkge_mm' is no known word, but nearly"),
         ("load,width,sinkage", "1,1,0.1", "no column 'diameter' (wheel diameter) and no diameter given"),
         ("load,diameter,sinkage", "1,1,0.1", "no column 'width' (wheel width) and no width given"),

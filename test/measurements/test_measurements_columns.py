@@ -184,7 +184,7 @@ def test_a_force_torque_or_power_is_an_answer_of_the_wheel(
     data = read_measurements(path)
     name = header.split(" [")[0]
     assert data.responses == ((name,) if response else ())
-    assert any("what the wheel answers" in note for note in data.notes) == response
+    assert any("responses of the wheel" in note for note in data.notes) == response
     if "torque" in header:
         assert data.units[name] == "N m"
 

@@ -180,7 +180,9 @@ class _Crooked(Effect):
 
 class TestRefusals:
     def test_missing_column(self) -> None:
-        with pytest.raises(ModelError, match=r"'slip_sinkage' needs the column 'slip'\. There is"):
+        with pytest.raises(
+            ModelError, match=r"'slip_sinkage' needs the column 'slip'\. The columns are"
+        ):
             predict(Model(SAND) + effect("slip_sinkage"), Conditions.of(60, 0.2, 0.1, speed=0.1))
 
     def test_blank_in_a_rolling_row(self) -> None:

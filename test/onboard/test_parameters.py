@@ -269,6 +269,18 @@ class TestSettings:
         assert "b.diameter" in found[1]
         assert "b.width" in found[2]
 
+    def test_a_wrong_value_of_all_wheels_is_said_once(self) -> None:
+        wheels = {"wheels": ["a", "b"], "all_wheels.width": 0.1}
+        (once,) = problems({**wheels, "all_wheels.diameter": "wide"})
+        assert "all_wheels.diameter is string 'wide'" in once
+        both = problems({**wheels, "all_wheels.diameter": "wide", "b.diameter": 9.0})
+        assert [text.split()[1] for text in both] == ["all_wheels.diameter", "b.diameter"]
+        assert problems({**wheels, "all_wheels.diameter": 0.3}) == []
+        (topic,) = problems(
+            {**wheels, "all_wheels.diameter": 0.3, "all_wheels.load_topic": "<wheel> x"}
+        )
+        assert "all_wheels.load_topic" in topic
+
     def test_an_integer_where_a_double_is_meant_is_taken(self) -> None:
         made = settings_from({**ONE_WHEEL, "vehicle.mass": 280, "imu_yaw": 0})
         assert (repr(made.vehicle.mass), repr(made.imu_yaw)) == ("280.0", "0.0")
@@ -398,7 +410,9 @@ class TestModelFile:
     def test_several_soils_need_a_name(self, model: Path) -> None:
         with pytest.raises(ParametersError, match=r"model.yaml has several soils, parameter soil"):
             settings_from(self.given(model_file=str(model)))
-        with pytest.raises(ParametersError, match=r"has no soil 'clay'.*There is: dry_sand, moist"):
+        with pytest.raises(
+            ParametersError, match=r"has no soil 'clay'.*xpected one of dry_sand, moist"
+        ):
             settings_from(self.given(model_file=str(model), **{"soil.name": "clay"}))
 
     def test_one_soil_needs_none(self, tmp_path: Path) -> None:

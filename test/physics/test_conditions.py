@@ -60,6 +60,6 @@ def test_rows_that_cannot_be(arguments: dict[str, object], message: str) -> None
 
 def test_a_missing_column_is_named() -> None:
     with pytest.raises(
-        ConditionsError, match=r"no column 'speed'\. There is: load, diameter, width"
+        ConditionsError, match=r"no column 'speed'\. The columns are load, diameter, width"
     ):
         Conditions.of(10, 0.2, 0.1)["speed"]

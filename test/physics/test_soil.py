@@ -75,6 +75,6 @@ def test_soils_outside_their_domain(numbers: dict[str, float], message: str) -> 
 
 def test_an_unknown_soil_is_answered_with_the_nearest() -> None:
     with pytest.raises(
-        SoilError, match=r"no soil 'drysand': did you mean 'dry_sand'.*There is: cal"
+        SoilError, match=r"no soil 'drysand': did you mean 'dry_sand'.*Expected one of cal"
     ):
         soil("drysand")

@@ -120,7 +120,7 @@ def test_of_what_few_estimates_know_no_value_is_the_drives(
     summary["mobility"]["slip"] |= figures["slip"]
     summary["mobility"]["margin"] |= figures["margin"]
     text = str(_in_short(summary))
-    few = f"known in {known}.0% of the estimates, too few to sum up."
+    few = f"known in {known}.0 % of estimates, too few to sum up."
     assert (f"Slip: {few}" in text) == (f"Margin: {few}" in text) == (0 < known < 5)
     assert ("half under" in text) == (known >= 5)
     assert ("Slip: not known." in text) == (known == 0)

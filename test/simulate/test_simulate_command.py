@@ -83,7 +83,7 @@ def test_drive_writes_bag_and_answer_apart(tmp_path, storage):
         (["rig", "-o", "x.csv", "--json", "missing/a.json"], "folder missing does not exist"),
         (["rig"], "--output"),
         (["drive", "-o", "missing/bag"], "folder missing does not exist"),
-        (["drive", "-o", "bag", "--wheels", "six"], "four or two_sizes"),
+        (["drive", "-o", "bag", "--wheels", "six"], "one of four, two_sizes"),
         (["drive", "-o", "bag", "--distance", "nan"], "distance is nan"),
         (["drive", "-o", "bag", "--hidden", "moisture"], "simulate rig"),
         (["drive", "-o", "bag", "--hidden", "load_offset=-4"], "simulate rig"),

@@ -27,7 +27,7 @@ from smallwheel_ros.compare.comparison import Comparison, comparison_of
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.diagnosis.document import failing_settings
-from smallwheel_ros.measurements.display import effect_words
+from smallwheel_ros.measurements.display import effect_words, to_tell
 from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
@@ -299,7 +299,13 @@ def test_a_curve_without_a_name_is_said_in_words() -> None:
     assert effect_words("unknown:slip < 0@sinkage") == (
         "something that follows slip < 0 (at the sinkage)"
     )
-    assert effect_words("none") == "nothing more"
+
+
+def test_runs_tell_two_effects_apart_or_whether_one_is_missing() -> None:
+    assert to_tell(("slip_sinkage", "rig_friction")) == "slip sinkage from rig friction"
+    for one in (("none", "sinkage_offset"), ("sinkage_offset", "none")):
+        assert to_tell(one) == "whether sinkage offset is missing"
+    assert to_tell(()) == ""
 
 
 def test_a_bare_document_is_enough() -> None:

@@ -211,16 +211,10 @@ def forces(
     slip = at.slip if exact_slip else at.slip + x[:, SLIP] + x[index, own]
     made = _twice(on, at, slip, more, x, np.exp(x[index, cell]))
     cohesion, sine = x[:, COHESION], np.sin(2.0 * x[:, FRICTION])
+    values = _with_factor(made.values, np.tile(on.factor, 2))
     found = []
-    for i in range(3):
-        value, deeper = made.values[i, :count], made.values[i, count:]
-        slopes = made.slopes[i, :, :count]
-        factor = on.factor if i != 1 else np.ones(count)
-        if i == 1:  # drawbar pull: thrust with the effects' factor, less resistance
-            value = value + (on.factor - 1.0) * made.values[0, :count]
-            deeper = deeper + (on.factor - 1.0) * made.values[0, count:]
-            slopes = slopes + (on.factor - 1.0) * made.slopes[0, :, :count]
-        value, deeper, slopes = factor * value, factor * deeper, factor * slopes
+    for each, slopes in zip(values, _with_factor(made.slopes[..., :count], on.factor), strict=True):
+        value, deeper = each[:count], each[count:]
         row = np.zeros((count, size))
         row[:, OF_SOIL] = slopes[:-1].T
         row[index, cell] = cohesion * slopes[0] + 0.5 * sine * slopes[1]
@@ -229,22 +223,14 @@ def forces(
         by_load = value - cohesion * slopes[0]
         found.append(Force(value, row, slopes[-1], by_load, (deeper - value) / more))
     thrust, pull, rim = found
-    beyond = x[:, OTHER] * on.reaching
+    other, gain, loss = x[:, OTHER], np.exp(x[index, scale]), x[:, LOSS]
+    shown, felt = _shown(pull.value, rim.value, on, other, gain, loss)
     pull.row[:, OTHER] = -on.reaching
-    pull = Force(
-        pull.value - on.other - beyond,
-        pull.row,
-        pull.by_slip,
-        pull.by_load - beyond,
-        pull.by_sinkage,
-    )
-    gain, lost = np.exp(x[index, scale]), x[:, LOSS] * on.reaching
+    pull = pull._replace(value=shown, by_load=pull.by_load - other * on.reaching)
     by_state = gain[:, None] * rim.row
     by_state[index, scale], by_state[:, LOSS] = gain * rim.value, on.reaching
-    rim = Force(
-        gain * rim.value + lost, by_state, gain * rim.by_slip, gain * rim.by_load + lost,
-        gain * rim.by_sinkage,
-    )  # fmt: skip
+    by_load = gain * rim.by_load + loss * on.reaching
+    rim = Force(felt, by_state, gain * rim.by_slip, by_load, gain * rim.by_sinkage)
     return thrust, pull, rim
 
 
@@ -264,10 +250,28 @@ def pull_and_rim(x: Array, cells: Integers, at: Rolling) -> tuple[Array, Array]:
     slip = at.slip + x[SLIP] + x[WHEELS + at.order]
     of_soil = np.repeat(x[OF_SOIL], slip.size).reshape(-1, slip.size)
     rows = _once(on, at, slip, of_soil, np.exp(x[_cells(cells, at.order)]))
-    thrust, pull, rim = forces_of(WheelRows(*rows), at.factor(1))
-    pull = pull + (on.factor - 1.0) * thrust - on.other - x[OTHER] * on.reaching
+    _, pull, rim = _with_factor(forces_of(WheelRows(*rows), at.factor(1)), on.factor)
     gain = np.exp(x[WHEELS + wheels + at.order])
-    return pull, gain * (on.factor * rim) + x[LOSS] * on.reaching
+    return _shown(pull, rim, on, x[OTHER], gain, x[LOSS])
+
+
+def _with_factor(forces: Array, factor: Array) -> tuple[Array, Array, Array]:
+    """Thrust, pull (thrust less resistance) and rim force with the effects' factor on thrust and torque.
+
+    forces: without it, (3, ..., rows), or their slopes.
+    """
+    thrust, pull, rim = forces
+    return factor * thrust, pull + (factor - 1.0) * thrust, factor * rim
+
+
+def _shown(
+    pull: Array, rim: Array, on: OnSoil, other: Array, gain: Array, loss: Array
+) -> tuple[Array, Array]:
+    """Pull less resistances that the law does not give, and the rim force as a torque shows it (N), (rows,).
+
+    other, loss: per N of load; gain: of the motor's torque.
+    """
+    return pull - on.other - other * on.reaching, gain * rim + loss * on.reaching
 
 
 def _cells(cells: Integers, order: Integers) -> Integers:
