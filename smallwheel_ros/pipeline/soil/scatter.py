@@ -32,7 +32,7 @@ class SoilScatter:
     """
 
     _MEMORY = 150.0  # stretches
-    _TOLD, _TOLD_ROUGH = 30.0, 10.0  # that what is told of the soil's scatter, and `_ROUGH`, count for
+    _TOLD, _TOLD_ROUGH = 30.0, 10.0  # that the soil's scatter, and `_ROUGH`, count for
 
     def __init__(self, soil_scatter: float, wheels: tuple[Wheel, ...]) -> None:
         self._told = soil_scatter**2

@@ -26,7 +26,7 @@ NEWEST = 120  # times at which stretches were used that are looked back on
 EVERY = 2.0  # m between tests
 _ENOUGH = 60  # stretches
 # Least of both; a smaller share hardly changes a sinkage. In drives of another author's simulator they find a
-# layer in 15 of 16 over one, and in 1 of 16 without (4 by 3 deviations of stretches that are each taken alone).
+# layer in 15 of 16 over one, and in 1 of 16 without (in 4 by 3 deviations of stretches taken each alone).
 # Ground that was once found to be so stays so until less than a deviation of it is left: the newest stretches
 # do not always show it.
 _SIGMAS, _SHARE, _STAYS = 2.75, 0.4, 1.0 / 3.0
