@@ -121,9 +121,9 @@ def _probabilities(found: Diagnosis) -> dict[str, float]:
 
 
 def _none_is_likelier(found: Diagnosis) -> bool:
-    """Whether no effect at all is likelier than each candidate: none of them is then named."""
+    """Whether no effect at all is likelier than each effect and curve: none of them is then named."""
     none = found.document["lack_of_fit"].get("probability_of_none", 0.0)
-    likely = max(_probabilities(found).values(), default=none)
+    likely = max((row["probability"] or 0.0 for row in found.rows()), default=0.0)
     return found.verdict == "unknown_effect" and likely < none
 
 
