@@ -194,7 +194,11 @@ class NodeParameter:
 
 def written(value: Value) -> str:
     """A value as YAML has it, on one line."""
-    return str(yaml.safe_dump([value], default_flow_style=True, width=math.inf)).strip()[1:-1]
+    texts = [value] if isinstance(value, str) else value if isinstance(value, list) else []
+    # Only in double quotes does a line break stay within its line.
+    style = '"' if any("\n" in str(text) for text in texts) else None
+    made = yaml.safe_dump([value], default_flow_style=True, default_style=style, width=math.inf)
+    return str(made).strip()[1:-1]
 
 
 # --- Declarations

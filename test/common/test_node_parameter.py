@@ -8,7 +8,7 @@ from typing import Literal
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from smallwheel_ros.common.node_parameter import (
@@ -98,6 +98,8 @@ def test_a_range_has_both_its_ends(value: float, low: float, width: float) -> No
 
 
 @given(st.text() | st.floats(allow_nan=False) | st.integers() | st.booleans() | st.lists(st.text()))
+@example("\n")
+@example(["a", "\n b\n"])
 def test_a_value_is_read_back_as_it_was_written(value: float | str | list[str]) -> None:
     text = written(value)
     assert "\n" not in text

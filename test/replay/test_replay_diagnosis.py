@@ -31,7 +31,8 @@ def stretches(count: int, slip_sinkage: float = 0.0) -> pd.DataFrame:
         {
             "load [N]": load, "diameter [m]": diameter, "width [m]": 0.1, "sinkage [m]": sinkage,
             "sinkage_std [m]": 3e-4, "slip": slip, "speed [m/s]": 0.4, "contact": "rolling", "soil": "soil 1",
-            "run": [f"1.{i // 2}" for i in index], "wheel": np.where(index % 2, "rear", "front"),
+            "run": [f"1.{i // 2}" for i in index],
+            "wheel": pd.Categorical(np.where(index % 2, "rear", "front")),
         }
     )  # fmt: skip
 
@@ -43,7 +44,7 @@ def with_zeros(
     index = np.arange(len(table))
     left = index // 2 % 2 == 1
     return table.assign(
-        wheel=table["wheel"] + np.where(left, "_left", "_right"),
+        wheel=pd.Categorical(table["wheel"].astype(str) + np.where(left, "_left", "_right")),
         **{"sinkage [m]": table["sinkage [m]"] + np.array(zeros)[2 * left + index % 2]},
     )
 
