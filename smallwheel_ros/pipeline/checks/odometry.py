@@ -112,8 +112,13 @@ class OfWheelsRule:
 
 
 class Late:
-    """The lag at which changes of the odometry's speed over 0.5 s follow those of the rims best."""
+    """The lag at which changes of the odometry's speed over 0.5 s follow those of the rims best.
 
+    Where ground gives way as the wheels start, slip grows while the speed does. That looks like a lag, too,
+    and the speed changes by far less than that of the rims: then the rule cannot tell.
+    """
+
+    FOLLOWS = 0.75  # of the rims' changes; of less, slip is the usual reason
     STEP, SMOOTH, OVER = 0.05, 9, 10  # s; samples of a mean; of a change
     LAGS = np.arange(-10, 21)  # steps
 
@@ -157,10 +162,11 @@ class Late:
         alike = (ab - mean_a * mean_b) / spread
         best = int(np.argmax(alike))
         late = step * float(self.LAGS[best])
+        follows = (ab - mean_a * mean_b)[best] / (aa - mean_a**2)[best]
         text = f"it is {late:.2f} s behind the wheels (correlation {alike[best]:.2f}): check its stamps"
         return (
             [Said("odometry", late, text)]
-            if late > LATE - 1e-9 and alike[best] >= LATE_ALIKE
+            if late > LATE - 1e-9 and alike[best] >= LATE_ALIKE and follows > self.FOLLOWS
             else []
         )
 
