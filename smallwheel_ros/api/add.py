@@ -36,7 +36,8 @@ def add(
     effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
     without
-        Effects that do not compete, by id; `unknown` for curves without a name.
+        Ids of effects to leave out as candidates; `unknown` leaves out the smooth curves that stand for an
+        effect that is in no library.
     seed
         Seed of the simulations behind the p-values: the same seed gives the same result.
 

@@ -39,7 +39,8 @@ def diagnose(
     effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
     without
-        Effects that do not compete, by id; `unknown` for curves without a name.
+        Ids of effects to leave out as candidates; `unknown` leaves out the smooth curves that stand for an
+        effect that is in no library.
     can : dict, as ``{"slip": [0, 0.3, 0.6]}``
         What you can set in the next measurements (SI units, angles in rad).
     seed

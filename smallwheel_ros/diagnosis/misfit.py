@@ -416,7 +416,7 @@ def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
 
 
 def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
-    """Mean relative residual of a fit, by channel, over thirds of each setting and over groups of rows.
+    """Mean relative residual (measured less predicted) by channel: over thirds of settings, groups of rows.
 
     Parameters
     ----------
@@ -428,7 +428,9 @@ def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
     Returns
     -------
     list of dict
-        One for each channel and setting or group, with its parts.
+        One for each channel and setting or group (wheel, soil, labels): `channel`; `setting` or `group`, its
+        name; `parts`, each with `at` (median of the setting, or the label), `runs` (their number), `mean` and
+        `std` (standard error by runs; None of one).
     """
     points = fitter.points
     share = (points.value - fit.predicted) / fitter.level

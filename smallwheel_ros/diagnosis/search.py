@@ -124,9 +124,19 @@ def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreCo
 
 
 class Screen:
-    """Linearised evidence at one fit, with no more than the usual scatter.
+    """Score test at one fit: evidence for each candidate from predictions linearised there, without a refit.
 
-    Scatter that is inflated by a missing effect would hide that effect and others.
+    Deviations of the scatter are those of the fit, but at most their prior medians: a missing effect inflates
+    the scatter that is fitted, which would then hide that effect and others.
+
+    Parameters
+    ----------
+    fitter
+        Fitter of the points.
+    fit
+        The fit that is tested.
+    columns
+        By how much each candidate changes the predictions.
     """
 
     def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[ScoreColumn]) -> None:
@@ -388,7 +398,9 @@ class Search:
         start: Array | None = None,
         out: Competitor | None = None,
     ) -> Candidate | None:
-        """Change the competitors of a model; it is fitted only if it has not been fitted before.
+        """Return the model that differs from another one by a competitor added, removed or exchanged.
+
+        It is fitted, and kept in `models`, unless it is there already.
 
         Parameters
         ----------
@@ -404,7 +416,8 @@ class Search:
         Returns
         -------
         Candidate or None
-            None where it cannot be fitted.
+            None if the fit fails. A model that lacks a rule of contact, or has another one, is not fitted
+            here: None unless it is in `models`.
         """
         taken, given = (set() if c is None else {c.key} for c in (out, put_in))
         key = near.key - taken | given

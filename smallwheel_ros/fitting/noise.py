@@ -59,14 +59,14 @@ def _columns(conditions: Conditions) -> Array:
 
 @dataclass(frozen=True)
 class NoiseLine:
-    """A fitted log-log regression.
+    """Regression of the logarithm of measured values on what a value may depend on (`_columns`).
 
     Attributes
     ----------
     soils, own
-        Names of the soils, and the intercept of each, ln of the value.
+        Names of the soils; intercept of each, ln of the value (SI), shape (soils,).
     used, slopes
-        Columns of the settings that were varied, and the slope of each.
+        Indices of the columns that vary and are used, and their slopes, shape (used,) each.
     """
 
     soils: tuple[str, ...]

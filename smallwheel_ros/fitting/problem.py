@@ -470,14 +470,14 @@ class Problem:
         return replace(found, judging=True)
 
     def refitted(self, fit: Fit, training: Points | None = None) -> Fit:
-        """Fit a judged model to all channels, weighted as in a fit.
+        """Refit a model that was selected on `judged` to all channels of this problem, with its weights.
 
         Parameters
         ----------
         fit
-            Fit of the judged model.
+            Fit of that model on `judged`; returned as it is where this problem is its own `judged`.
         training
-            A fold's training points; all points if not given.
+            Training points of a fold, to be fitted alone; all points if not given.
         """
         if self.judged is self:
             return fit

@@ -51,12 +51,13 @@ class FittedLaw:
     Attributes
     ----------
     constants
-        The constants in which the law was published; n and m in their units stay letters.
+        Fitted values of the published law's constants. A unit that depends on an exponent has its letter, as
+        Pa/m^n.
     covariance
         Covariance of the constants, shape (constants, constants).
     held_out
         Relative error (rms) of the predicted sinkage of plates whose size was left out of the fit; None with
-        two sizes.
+        two sizes, too few to leave one out.
     by_size, by_depth
         The same error by diameter (m), and in each range of `PlateLaws.depths`.
     """

@@ -349,7 +349,7 @@ def _queued(subscription: Subscription, *, raw: bool) -> Iterator[tuple[Any, Map
 
 
 def part_of_message(stream: str, settings: NodeSettings) -> str:
-    """Say which part of its topic's messages a stream is.
+    """Words for the part of a message that a stream is read from, to stand after its topic's name.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ def part_of_message(stream: str, settings: NodeSettings) -> str:
     Returns
     -------
     str
-        Empty where the whole message is used.
+        As ", effort of joint wheel_fl"; empty where the whole message is used.
     """
     wheel, _, kind = stream.rpartition("/")
     own = settings.inputs.get(wheel)

@@ -115,7 +115,9 @@ class _Job:
 
 
 class Session:
-    """The estimate of a configured node, with its topics; the constructor makes all of it, or raises.
+    """All that runs while the node is configured: pipeline, subscriptions, publishers, saved soil.
+
+    The constructor sets all of it up, or raises.
 
     One timer does all the work: each turn decodes what has arrived, takes it through the pipeline, and
     publishes.
@@ -127,7 +129,7 @@ class Session:
     settings
         Its settings.
     wall
-        A clock that runs while /clock stands still.
+        Steady clock of the timer; it goes on while simulated time (/clock) stands still.
 
     Attributes
     ----------

@@ -28,7 +28,10 @@ _NODES = 801
 
 
 class Curves(NamedTuple):
-    """Thrust, resistance, and torque as a force at the rim, over the load, by depth and slip."""
+    """Thrust, resistance and torque by radius, each divided by the load.
+
+    Shape (depths, slips) each: at sinkages of `DEPTHS` times the diameter, at slips of `SLIPS`.
+    """
 
     thrust: Array
     resistance: Array

@@ -114,20 +114,22 @@ class OfWheels:
         self._made, self._may_be, self._share = False, True, math.nan
 
     def take(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags, Array]:
-        """Judge an odometry by its agreement with the rims over the last pieces of path.
+        """Judge from the last pieces of path whether an odometry is computed from the wheels.
 
         Parameters
         ----------
         before, way
-            Path of the rims before and at each row, shape (rows,), m.
+            Path that the rims have covered up to the row before and up to each row, shape (rows,), m.
         parts
-            Path by the rims and by the odometry (m), and the turns (rad) by both, shape (rows, 4).
+            What each row adds, shape (rows, 4): path by the rims and by the odometry (m), turn by both (in
+            one unit).
 
         Returns
         -------
         made, may_be, share : ndarray
-            Shape (rows,): whether the odometry is computed from the wheels; whether it may be; the share of
-            the path by which it differs from the wheels'.
+            Shape (rows,): whether it is computed from the wheels; whether it still may be, while pieces are
+            too few to decide; by which share its motion differs from the best multiple of the wheels', NaN
+            before the first piece.
         """
         total = _onward(self._total, parts)
         found, may_be = np.empty((2, way.size), dtype=bool)

@@ -145,7 +145,7 @@ class RunningAgreement:
         self._sums = np.zeros(5)
 
     def extend(self, a: Array, b: Array, dt: Array) -> None:
-        """Continue with rows, except those with NaN.
+        """Add rows to the sums; those where a rate is NaN are skipped.
 
         Parameters
         ----------

@@ -172,27 +172,27 @@ def _onward(state: MotionState, rows: Aligned) -> Flags:
 def rut_of(
     wheels: tuple[Wheel, ...], wheel: Integers, onward: Flags, number: Array
 ) -> tuple[Array, Array]:
-    """Depth of the rut that a wheel meets at its pass number, in units of how much the first pass deepens it.
+    """Exponent p of the factor exp(p g) on the sinkage of a wheel that runs in a rut.
 
-    Where the number is unknown, the wheels ahead in the track are counted. By one law ruts deepen with
-    a power of the number (Holm 1969), so that ln depth is proportional to log2 n; by another the first
-    passes do most of the compaction, as 2 (1 - 1/n). The value is the mean of the two.
+    g is the logarithm of the factor after one earlier pass: p is 0 on fresh ground and 1 at the second pass.
+    It is the mean of two laws of the pass number N: log2 N, where sinkage grows with a power of N (Holm
+    1969), and 2 (1 - 1/N), where the first passes do most of the compaction.
 
     Parameters
     ----------
     wheels
         All wheels.
     wheel
-        Number of each row's wheel, shape (rows,).
+        Index into `wheels` of each row, shape (rows,).
     onward
         Whether the vehicle goes forward, shape (rows,).
     number
-        Passes counted, shape (rows,); NaN if unknown.
+        Pass number, 1 on fresh ground, shape (rows,). Where it is NaN the wheels ahead in the track count.
 
     Returns
     -------
     passes, doubt : ndarray
-        Shape (rows,): the exponent of the rut's factor, and half the difference of the two laws.
+        Shape (rows,): p, and half the difference of the two laws.
     """
     count = np.array([[1.0 + len(ahead_of(wheels, w, way)) for way in (-1.0, 1.0)] for w in wheels])
     number = np.where(np.isnan(number), count[wheel, onward.astype(int)], number)
