@@ -48,10 +48,12 @@ def evened(data: Measurements) -> Measurements:
         return data
     conditions, sinkage = data.conditions, data.channels["sinkage"].copy()
     alike = [conditions[name] for name in _ALIKE if name in conditions]
-    kinds = list(zip(conditions.contact.tolist(), *(one.tolist() for one in alike), strict=True))
+    # Unknown is alike with unknown: else each such row would be a kind of its own.
+    keys = np.nan_to_num(np.column_stack([codes_of(conditions.contact)[1], *alike]), nan=-1.0)
+    kinds, kind_of = np.unique(keys, axis=0, return_inverse=True)
     taken: dict[str, float] = {}
-    for kind in dict.fromkeys(kinds):
-        rows = np.flatnonzero([one == kind for one in kinds] & np.isfinite(sinkage))
+    for kind in range(len(kinds)):
+        rows = np.flatnonzero((kind_of.ravel() == kind) & np.isfinite(sinkage))
         names, own = _own(data, rows)
         sinkage[rows] -= own[codes_of(data.wheel[rows])[1]] if names else 0.0
         for name, zero in zip(names, own.tolist(), strict=True):
@@ -70,13 +72,13 @@ def evened(data: Measurements) -> Measurements:
 def _own(data: Measurements, rows: NDArray[np.intp]) -> tuple[list[str], Array]:
     """Wheels of these rows, and what each shows over their mean (m); none where nothing can be compared."""
     names, number = codes_of(data.wheel[rows])
+    if len(names) < 2 or rows.size < 2 * (len(names) + 3):  # as many again as the fit has constants
+        return [], np.empty(0)
     load, shown = data.conditions.load[rows], data.channels["sinkage"][rows]
     log_load = np.log(load / np.median(load))
     slip = data.conditions["slip"][rows] if "slip" in data.conditions else np.zeros(rows.size)
     of_wheel = np.eye(len(names))[number]
     about = np.column_stack([of_wheel, log_load, log_load**2, np.nan_to_num(slip)])
-    if len(names) < 2 or rows.size < 2 * about.shape[1]:
-        return [], np.empty(0)
     first = np.linalg.lstsq(about, shown, rcond=None)[0]
     size = max(NORMAL * float(np.median(np.abs(shown - about @ first))), _LEAST)
     found = least_squares(  # type: ignore[operator]  # see lab.shear

@@ -92,3 +92,14 @@ def test_other_wheels_and_those_of_a_rig_are_not_compared(columns: dict[str, obj
     found = start_of(data).measurements
     np.testing.assert_array_equal(sinkage(found), sinkage(data))
     assert found.notes == data.notes
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_size_without_any_sinkage_is_left_alone() -> None:
+    """Its wheels have a drawbar pull; the other size is evened as if they were not there."""
+    table = drive((2e-3, 0.0, -2e-3, 0.0), **{"drawbar_pull [N]": 5.0})
+    alone = sinkage(evened(read_measurements(table)))
+    table.loc[~FRONT, "sinkage [m]"] = np.nan
+    shown = sinkage(evened(read_measurements(table)))
+    np.testing.assert_allclose(shown[FRONT], alone[FRONT])
+    assert np.isnan(shown[~FRONT]).all()
