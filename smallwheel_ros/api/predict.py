@@ -43,8 +43,8 @@ def predict(
     model
         The model; a soil stands for the contact integral on it, without effects.
     load : number, several, or text
-        Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf; 5kg is a mass, and weighs less
-        with ``gravity=1.62``.
+        Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf; 5kg is a mass, which weighs
+        less where `gravity` is set lower.
     diameter : number, several, or text
         Wheel diameter [m], or with a unit: '17 cm'.
     width : number, several, or text

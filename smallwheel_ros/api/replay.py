@@ -55,7 +55,7 @@ def replay(
     copy
         Topics that are copied into the new bag, beside the estimates.
     rate
-        Most estimates of each wheel in a second (Hz), in place of the parameter mobility.rate; 0: one
+        Most estimates of each wheel per second (Hz), in place of the parameter mobility.rate; 0: one
         for each measured sinkage.
     soil_file
         Start from the soil saved there, if any, and save it there at the end.

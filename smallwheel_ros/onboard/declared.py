@@ -93,7 +93,7 @@ class MobilityParameters:
 
     rate: float = parameter(
         10.0, "Hz", (0.0, 1000.0),
-        "Estimates of each wheel's mobility a second at most. 0: one for each measured sinkage.",
+        "Most estimates of each wheel's mobility per second. 0: one for each measured sinkage.",
     )  # fmt: skip
 
 
@@ -149,7 +149,7 @@ class SensorNoise:
         "Standard deviation of a sinkage whose message states none.",
     )
     load: float = parameter(
-        0.5, "N", (0.0, 1e5), "Standard deviation of a load, besides 2 % of it."
+        0.5, "N", (0.0, 1e5), "Standard deviation of a load, in addition to 2 % of it."
     )
     drawbar_pull: float = parameter(
         0.6, "N", (1e-3, 1e5), "Standard deviation of a measured drawbar pull."
@@ -201,14 +201,15 @@ class WheelParameters:
         0.0,
         "m",
         (-10.0, 10.0),
-        "Left of base_frame: speed in turns, place on the map. Without it: the URDF's.",
+        "How far left of base_frame it is, for its speed in turns and its place on the map. Without it: the"
+        " URDF's.",
     )
     longitudinal_position: float = parameter(
         0.0,
         "m",
         (-10.0, 10.0),
-        "Ahead of base_frame: which wheels follow in a rut and come to another soil first. Without it: the"
-        " URDF's.",
+        "How far ahead of base_frame it is: which wheels run in another's rut, and which come to another soil"
+        " first. Without it: the URDF's.",
     )
     load_topic: str = topic(
         "<wheel>/load", "Topic (geometry_msgs/WrenchStamped) of its load, force.z."
@@ -265,8 +266,8 @@ class WheelParameters:
         None,
         "m",
         (-2.0, 2.0),
-        "Its middle to the left of the steering axis, straight ahead. Without it: the URDF's, else a quarter"
-        " of the diameter either way.",
+        "How far its middle is to the left of its steering axis, straight ahead. Without it: the URDF's, else"
+        " unknown, up to a quarter of the diameter either way.",
     )
     frame: str | None = parameter(
         None,
@@ -347,7 +348,7 @@ class Parameters(DriveParameters):
     )
     odometry_from_wheels: bool = parameter(
         False,
-        text="Whether odom is computed from the wheels and shows no slip: velocity_topic has to.",
+        text="Whether odom is computed from the wheels and shows no slip, which then needs velocity_topic.",
     )
     velocity_topic: str = topic(
         "",
