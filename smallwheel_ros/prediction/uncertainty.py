@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Uncertainty of a prediction: of the law, and of one row measured in a new run. Variances:
+"""Uncertainty of a prediction: of the law, and of one row measured in a new run.
+
+The variances are:
 
     law     J C J', J the slopes of the prediction by the fitted parameters and C their covariance, plus the
             error of the law itself: of pull and torque (`ForceLaw`), of the others from setting to setting
