@@ -3,7 +3,7 @@
 
     effects["slip_sinkage"], effects.slip_sinkage, effects.SlipSinkage    the default form, a class
     list(effects), "hardpan" in effects                                   the ids that exist
-    effects.load("mine.py")                                               all and those of a file, which it runs
+    effects.load("mine.py")                                               also those of a file, which it runs
 
 Adding a class to a file of this folder, or a file, adds an effect. No file may have the name of an effect.
 """
