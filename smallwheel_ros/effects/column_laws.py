@@ -136,7 +136,7 @@ class Power(_Moisture, PowerLaw):
 
 @dataclass(frozen=True)
 class Optimum(_Moisture):
-    """k is largest at a water content: menisci bind grains, and water that fills the pores does not."""
+    """k with a maximum at one water content: menisci bind grains, water that fills the pores does not."""
 
     # J. Geotech. Eng. 110(9), known from secondary sources.
     form = "optimum"

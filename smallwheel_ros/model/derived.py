@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DerivedNumber:
-    """One derived number of a soil.
+    """A number of a soil that follows from its fitted parameters.
 
     Attributes
     ----------
     name, value, unit
-        Its name, value and unit.
+        Its name (a field of `Soil`), and its value in `unit`.
     std
         Its standard deviation, in its unit; None if unknown.
     follows

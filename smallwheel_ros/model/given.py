@@ -102,7 +102,7 @@ def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
 
 
 def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
-    """Turn what a user gave as a model into a calibrated one.
+    """Turn an argument that stands for a model into a calibrated model.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
 
 def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
-    """Turn what a user gave into the effects that a fit starts from.
+    """Turn an argument that stands for effects into the effects from which a fit starts.
 
     Parameters
     ----------

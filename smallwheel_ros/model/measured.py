@@ -51,15 +51,15 @@ class RunScatter:
     law: float = 0.0
 
     def of_law(self, level: Array) -> Array:
-        """Variance due to the error of the law. level: as the class says, SI; same shape, unit squared."""
+        """Variance due to the error of the law, at levels in the channel's SI unit; the same shape."""
         return np.asarray((self.law * level) ** 2)
 
     def of_run(self, level: Array) -> Array:
-        """Variance due to the run and its zero. level: as the class says, SI; same shape, unit squared."""
+        """Variance due to the run and its zero, at levels in the channel's SI unit; the same shape."""
         return np.asarray((self.run * level) ** 2 + self.zero**2)
 
     def of_row(self, level: Array) -> Array:
-        """Variance of a single row within its run. level: as the class says, SI; same shape, unit squared."""
+        """Variance of a single row within its run, at levels in the channel's SI unit; the same shape."""
         return np.asarray((self.relative * level) ** 2 + self.absolute**2)
 
 

@@ -389,7 +389,7 @@ def predict(
     with_forces: bool = True,
     soil: Mapping[str, Array] | None = None,
 ) -> Prediction:
-    """Predict sinkage, resistance and drawbar pull of each row.
+    """Predict sinkage and resistance of each row, and with slip thrust, drawbar pull and torque.
 
     Parameters
     ----------

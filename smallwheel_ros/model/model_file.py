@@ -201,7 +201,7 @@ class _Entry:
         return ModelFileError(f"{self.file}: {where}{why}")
 
     def unlike(self, expected: str, found: object = None) -> ModelFileError:
-        """An error to raise where something else was expected. found: what to show in place of the value."""
+        """An error to raise where something else was expected. found: text to show in place of the value."""
         shown = "nothing" if self.value is None else repr(self.value if found is None else found)
         return self.wrong(f"found {shown[:80]}, expected {expected}")
 

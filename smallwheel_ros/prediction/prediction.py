@@ -83,7 +83,7 @@ class PredictionTable(Result, shown="views.prediction"):
     measured: Mapping[str, Array] = field(default_factory=dict)
 
     def headline(self) -> str:
-        """Sinkage, resistance and pull in words for one row; for several, their number and what is varied."""
+        """For one row sinkage, resistance and pull; for several their number and the varied settings."""
         rows = self.rows()
         if len(rows) > 1:
             return f"{len(rows)} settings of {', '.join(self.varied)}"

@@ -112,7 +112,7 @@ class _Sloped:
 def predict_with_uncertainty(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> UncertainPrediction:
-    """Predict, with the standard deviations due to the fitted parameters alone, to first order.
+    """Predict with the standard deviations due to the fitted parameters alone, to first order.
 
     Errors of the law, scatter of runs and rivals are left out; `predict_of` includes them.
 
@@ -214,7 +214,7 @@ def with_parameter(model: Model, name: str, change: float) -> Model:
     name
         Name of the parameter as in a covariance: `SOIL.n`, `EFFECT.a`.
     change
-        What is added to the parameter, in its SI unit; to ln of a number whose name begins with `log_`.
+        Difference to the parameter's value, in its SI unit; of ln where the name begins with `log_`.
 
     Raises
     ------

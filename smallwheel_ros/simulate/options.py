@@ -70,5 +70,5 @@ def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Com
 
 
 def names(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
-    """Split a comma-separated list of names; a callback of click."""
+    """Split a list of names at its commas, without spaces and empty names; a callback of click."""
     return tuple(name.strip() for name in text.split(",") if name.strip())

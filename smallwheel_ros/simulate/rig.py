@@ -225,7 +225,7 @@ def _draw_run(design: RigDesign, rng: np.random.Generator) -> RunSettings:
 
 @dataclass(frozen=True)
 class RigTruth:
-    """The truth behind a table; `measure` makes more measurements on the same rig.
+    """The true soil, effects and settings of a table; `measure` makes more measurements on the same rig.
 
     Attributes
     ----------
@@ -260,14 +260,14 @@ class RigTruth:
 
 @dataclass(frozen=True)
 class Rig:
-    """A simulated table, and the truth behind it.
+    """A simulated table, and its true soil, effects and settings.
 
     Attributes
     ----------
     table
         One row for each measurement, ready to be written; headers state the units, which are mixed.
     truth
-        True soil, effects and settings.
+        From which `measure` can make more measurements.
     """
 
     table: pd.DataFrame

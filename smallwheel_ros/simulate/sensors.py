@@ -35,7 +35,7 @@ def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
     Parameters
     ----------
     normal
-        Function that draws as many independent standard normal numbers as its argument says.
+        Function that draws a number of independent standard normal numbers, shape (its argument,).
     count
         Number of errors.
     keep

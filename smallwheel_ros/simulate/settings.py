@@ -122,7 +122,7 @@ def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
 
 
 class Asked(NamedTuple):
-    """A requested hidden effect.
+    """A hidden effect as asked for by its text, `NAME` or `NAME=SIZE`.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class Asked(NamedTuple):
     column
         The extra column that drives it; None if it has none.
     size
-        Its size, in the SI unit of its formula; None if it is to be drawn.
+        Its amplitude, in the SI unit of its formula; None if it is to be drawn.
     """
 
     name: str

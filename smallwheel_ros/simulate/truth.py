@@ -11,7 +11,7 @@ and not a mirror. What truth and model still share are assumptions:
 - Janosi and Hanamoto's law of shear, here along the arc, there on the contact's length as a whole;
 - one wheel at a time, steady, with one slip and one load.
 
-What is not shared is how effects come in. The library lets them act in stages: a factor on k, a
+The action of effects is not shared. The library lets them act in stages: a factor on k, a
 change of the sinkage after the solve, a term added to the compaction work. Here they change the
 stress at each point of the contact (`hidden`, `wheel_laws`) by the state of the soil there: the distance
 that the rim carried it along, the speed at which it is pressed, the change that an earlier pass left.
@@ -124,9 +124,9 @@ class Contact:
         return share
 
     def upward(self, stress: Array, width: Array) -> Array:
-        """Sum up the vertical components of a normal stress, which carry the wheel.
+        """Integrate stress times cos(angle) over the arc: of a normal stress, the load that it carries.
 
-        Of a shear stress along the rim these components are the horizontal ones, the thrust.
+        Of a shear stress along the rim it is the thrust.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class Contact:
         return self.along(stress * np.cos(self.angle), width)
 
     def backward(self, stress: Array, width: Array) -> Array:
-        """Sum up the horizontal components of a normal stress, which resist the wheel's motion.
+        """Integrate stress times sin(angle) over the arc: of a normal stress, the resistance to motion.
 
         Parameters
         ----------

@@ -372,7 +372,7 @@ class SimulatedVehicle:
         return np.zeros(self.all.size) if self.steered is None else self.steered.angle
 
     def _count_passes(self, cells: NDArray[np.intp]) -> None:
-        """Update `passes`: how often earlier wheels rolled over the cell of each wheel, shape (wheels,)."""
+        """Update `passes`, the number of earlier passes over the cell of each wheel, shape (wheels,)."""
         fresh = cells != self.last_cells
         for j in np.flatnonzero(fresh):
             self.passes[j] = self.rolled[self.track[j], cells[j]]

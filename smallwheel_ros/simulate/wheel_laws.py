@@ -50,7 +50,7 @@ class RimStrength:
     rolling
         Share of the displacement by rolling that shears the soil, 1; a tread that yields takes up the rest.
     residual
-        Shear stress at large displacements over c + p tan(phi), 1 (Wong 1979); below 1 it peaks before.
+        Shear stress at large displacements over c + p tan(phi), 1; below 1 it has a peak before (Wong 1979).
     """
 
     cohesion: float
@@ -70,9 +70,9 @@ def rim_curves(
     Parameters
     ----------
     diameter, width
-        m.
+        Size of the wheel, m.
     load
-        N.
+        Load on the wheel, N.
     exponent
         Exponent of depth in the pressure, 1.
     strength
@@ -153,7 +153,7 @@ class Stresses:
     hump
         a of the factor 1 + a x e^(1 - x) on Janosi and Hanamoto's shear stress, x the displacement over K.
     bias
-        What is added to the pull, over the load.
+        Error that is added to the pull, over the load.
     """
 
     peak: tuple[float, float] = (0.0, 0.0)
@@ -259,9 +259,9 @@ def peaked_curves(
     Parameters
     ----------
     diameter, width
-        m.
+        Size of the wheel, m.
     load
-        N.
+        Load on the wheel, N.
     exponent
         Exponent of depth in the pressure, 1.
     strength

@@ -154,8 +154,7 @@ class Sensors:
     Attributes
     ----------
     sinkage, load, torque, pull
-        Whether it is measured; pull comes as often as load. Without measured loads, the weight is split
-        over the wheels.
+        Whether each is measured; pull (drawbar pull) comes as often as load.
     current
         Whether torque comes from a motor's current, which has no sign and is 0 at standstill.
     noise_factor

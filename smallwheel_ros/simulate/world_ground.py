@@ -17,7 +17,7 @@ from smallwheel_ros.simulate.wheel_laws import RimStrength
 from smallwheel_ros.simulate.world import GRAVITY, SimulatedRover, World
 
 CELL = 0.02  # m
-_BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and behind the end
+_BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and after the end
 # Depth and diameter (m) to which `TrueSoil.pressure` refers.
 SINKAGE, DIAMETER = 0.01, 0.2
 _HARDER = 8.0  # k of the pressure that is added below a hardpan, over the soil's
