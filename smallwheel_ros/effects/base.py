@@ -168,16 +168,30 @@ def constant(
 
 
 class WheelState(NamedTuple):
-    """Wheels at the sinkage that was solved for, and their soil; arrays of shape (rows,)."""
+    """Wheels at the sinkage that was solved for, and their soil; arrays of shape (rows,).
 
-    load: Array  # N, the load that reaches the soil
-    diameter: Array  # m
-    width: Array  # m
-    sinkage: Array  # m, effects included
-    modulus: Array  # K = k D^m times the effects' factors, Pa/m^n
-    exponent: Array  # n
-    cohesion: Array  # of the soil, Pa
-    friction_angle: Array  # of the soil, rad
+    Attributes
+    ----------
+    load
+        Load that reaches the soil, N.
+    diameter, width
+        Size of the wheel as the soil meets it, m.
+    sinkage
+        Sinkage, effects included, m.
+    modulus, exponent
+        K = k D^m times the effects' factors, Pa/m^n, and n with the effects' shifts.
+    cohesion, friction_angle
+        Strength of the soil, Pa, rad.
+    """
+
+    load: Array
+    diameter: Array
+    width: Array
+    sinkage: Array
+    modulus: Array
+    exponent: Array
+    cohesion: Array
+    friction_angle: Array
 
 
 @dataclass(frozen=True)

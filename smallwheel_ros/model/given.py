@@ -158,8 +158,8 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
     Returns
     -------
     list of Effect
-        One for each id, class or instance given. A Python file stands for its effects: all of them if no
-        other entry names one of its ids, else those named.
+        One for each id, class or instance given. A Python file makes its effects known; those whose ids are
+        new are all meant if no other entry names one of them, else only the named ones.
 
     Raises
     ------

@@ -175,7 +175,7 @@ def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[s
     Parameters
     ----------
     soils, effects
-        Soils and effects of a model. Their names come in this order, soils first.
+        Soils and effects of a model; the names are in their order, those of soils first.
     """
     of_soils = (f"{soil.name}.{name}" for soil in soils for name in SOIL_PARAMETERS)
     of_effects = (f"{effect.id}.{p.name}" for effect in effects for p in effect.parameters())

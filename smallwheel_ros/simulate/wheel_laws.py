@@ -252,7 +252,7 @@ def _forces(
 def peaked_curves(
     diameter: float, width: float, load: float, exponent: float, strength: RimStrength
 ) -> Curves:
-    """Compute curves of a wheel whose pressure peaks ahead of its lowest point, with `_forces`.
+    """Compute curves of a wheel whose pressure peaks ahead of its lowest point, by the law of `response_of`.
 
     The shear stress has a hump over displacement; of `strength` rolling and residual are not used.
 
@@ -327,16 +327,25 @@ def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumsta
 class Response(NamedTuple):
     """True values, each of shape (rows,); all are NaN where a wheel sinks to its axle.
 
-    Values named `shown_` are readings without noise: they differ from the true ones by faults of the
-    instruments and, for sinkage, by soil that rises again after the wheel.
+    Attributes
+    ----------
+    depth
+        Depth of the wheel's lowest point below the untouched surface, m.
+    shown_sinkage, shown_resistance
+        m, N: readings without noise. They differ from the true values by faults of the instruments and, for
+        sinkage, by soil that rises again after the wheel.
+    resistance, thrust
+        N.
+    torque
+        Torque at the axle, N m, positive when driven.
     """
 
-    depth: Array  # m, lowest point of the wheel below the untouched surface
-    shown_sinkage: Array  # m
-    resistance: Array  # N
-    shown_resistance: Array  # N
-    thrust: Array  # N
-    torque: Array  # N m, at the axle, positive when driven
+    depth: Array
+    shown_sinkage: Array
+    resistance: Array
+    shown_resistance: Array
+    thrust: Array
+    torque: Array
 
     @property
     def drawbar_pull(self) -> Array:
