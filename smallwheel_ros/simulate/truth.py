@@ -42,7 +42,7 @@ PressureLaw = Callable[[Array], Array]
 # Points on the arc, closer together near the entry: within 4e-6 of adaptive quadrature for n 0.2 to 2.2.
 _NODES = 65
 _ITERATIONS = 60
-# Of `soil_of_pressure`.
+# m: depth and diameter at which `soil_of_pressure` takes the pressure.
 _REFERENCE_SINKAGE, _REFERENCE_DIAMETER = 0.01, 0.25
 
 
