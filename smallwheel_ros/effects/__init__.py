@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Physical effects that a model may lack, with a class for each form; `base` explains how they act.
+"""Physical effects that a model may lack, with a class for each form; `base` describes how they act.
 
     effects["slip_sinkage"], effects.slip_sinkage, effects.SlipSinkage    the default form, a class
     list(effects), "hardpan" in effects                                   the ids that exist
-    effects.load("mine.py")                                               with those of a file, which is run
+    effects.load("mine.py")                                               also those of a file, which it runs
 
-Adding a class to a file of this folder, or a file, adds an effect. No file has the name of an effect.
+Adding a class to a file of this folder, or a file, adds an effect. No file may have the name of an effect.
 """
 
 from __future__ import annotations

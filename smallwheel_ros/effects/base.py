@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a physical effect is, and the one class that each derives from.
+"""The base class of physical effects, and the stages at which an effect changes a prediction.
 
 An effect is a small frozen dataclass: its fields are its parameters, its methods are the stages at
 which it changes the model's computation. A model runs the stages in this order, each effect in
@@ -10,18 +10,22 @@ turn:
     normal_load         the load that reaches the soil                        N      -> N
     wheel_diameter      the diameter that the soil meets                      m      -> m
     modulus_factor      multiplies k                                          1
-    exponent_shift      adds to n                                             1
+    exponent_shift      is added to n                                         1
     pressure_factor     multiplies the pressure by a function of depth        1
-      (the model solves load against pressure for the static sinkage)
-    sinkage             changes the sinkage after the solve                   m      -> m
-    compaction_sinkage  the depth to which soil is compacted (default: the same change)
-    added_resistance    adds to the compaction resistance                     N
+      (the model finds the static sinkage, at which pressure carries the load)
+    sinkage             the sinkage, from the static one                      m      -> m
+    compaction_sinkage  the depth to which soil is compacted (by default changed as the sinkage)  m -> m
+    added_resistance    is added to the compaction resistance                 N
     thrust_factor       multiplies thrust and torque                          1
     measured_sinkage    what the instrument shows of the sinkage              m      -> m
     measured_resistance what the instrument shows of the resistance           N      -> N
 
 Drawbar pull and torque follow from load and sinkage (`physics.stresses`), whatever the instrument shows of
 the resistance: an effect that deepens the rut leaves their balance alone.
+
+Each takes the conditions, and before them the value that it changes, the depths (`pressure_factor`) or the
+`WheelState` (`added_resistance`, `thrust_factor`). It returns shape (rows,) or one number; `pressure_factor`
+the shape of the depths, (nodes, rows) or (rows,).
 
 Override only what the effect changes. To write your own, copy a file of this folder, or see
 docs/your_own_effect.md.
@@ -43,7 +47,7 @@ from smallwheel_ros.physics.conditions import Conditions
 Array = NDArray[np.float64]
 
 _ALL_CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")
-# The channels that each stage touches, in the order in which a model runs them.
+# The channels that each stage changes; the stages in the order in which a model runs them.
 _CHANNELS = {
     "corrected_load": _ALL_CHANNELS,
     "normal_load": _ALL_CHANNELS,
@@ -70,23 +74,24 @@ ROLLING_STAGES = (
 
 
 class EffectError(SmallwheelError):
-    """An effect that does not exist, cannot be loaded, or whose number is outside its domain."""
+    """An effect that does not exist, cannot be loaded or fails, or whose number is outside its domain."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """Description of one parameter of an effect.
+    """Description of one parameter of an effect, or of one constant.
 
     Attributes
     ----------
     name, description
-        Its name in Python, and what it is, in a few words.
+        Name of the field in the effect's class, and what the number is, in a few words.
     start, bounds
-        Value where a fit starts, and the range that it may reach, in `unit`.
+        Value where a fit starts (of a constant: the default), and the range that it may have, both ends
+        allowed, in `unit`.
     published
         Range that the literature gives, in `unit`; None where there is none.
     unit
-        SI; "1" for none.
+        SI unit; "1" for a pure number.
     neutral
         The value at which the effect is absent; None for a parameter that only shapes it. An effect
         vanishes if all parameters with a neutral value are at that value.
@@ -110,23 +115,28 @@ def parameter(
     published: tuple[float, float] | None = None,
     neutral: float | None = 0.0,
 ) -> Any:  # a dataclass field stands for a value of its annotated type
-    """Declare a number that data determines: `a: float = parameter(1.0, (0.0, 8.0), "growth")`.
+    """Declare a number that a fit determines: `a: float = parameter(1.0, (0.0, 8.0), "growth")`.
 
     Parameters
     ----------
     start
-        Value where a fit starts, in the unit.
+        Value where a fit starts, in `unit`; the field's default.
     bounds
-        Range that a fit may reach, in the unit, both ends allowed.
+        Range that a fit may reach, in `unit`, both ends allowed.
     description
-        What it is, in a few words.
+        What the number is, in a few words.
     unit
-        SI; "1" for none.
+        SI unit; "1" for a pure number.
     published
-        The range that the literature gives (outside it a fitted value is called implausible), None where
-        there is none.
+        Range that the literature gives, in `unit` (outside it a fitted value is called implausible); None
+        where there is none.
     neutral
         The value at which the effect is absent; None for a parameter that only shapes it.
+
+    Returns
+    -------
+    dataclasses.Field
+        Its metadata has the description, a `Parameter`.
     """
     known = Parameter("", float(start), bounds, published, unit, description, neutral)
     return field(default=known.start, metadata={"parameter": known})
@@ -140,38 +150,57 @@ def constant(
     Parameters
     ----------
     value
-        Value if none is given, in the unit.
+        The field's default, in `unit`.
     bounds
-        Range, in the unit, both ends allowed.
+        Range that it may have, in `unit`, both ends allowed.
     description
-        What it is, in a few words.
+        What the number is, in a few words.
     unit
-        SI; "1" for none.
+        SI unit; "1" for a pure number.
+
+    Returns
+    -------
+    dataclasses.Field
+        Its metadata has the description, a `Parameter`.
     """
     known = Parameter("", float(value), bounds, None, unit, description)
     return field(default=known.start, metadata={"constant": known})
 
 
 class WheelState(NamedTuple):
-    """The wheel in the soil after the solve; arrays of shape (rows,)."""
+    """Wheels at the sinkage that was solved for, and their soil; arrays of shape (rows,).
 
-    load: Array  # N, what reaches the soil
-    diameter: Array  # m
-    width: Array  # m
-    sinkage: Array  # m
-    modulus: Array  # K = k D^m times the effects' factors, Pa/m^n
-    exponent: Array  # n
-    cohesion: Array  # of the soil, Pa
-    friction_angle: Array  # of the soil, rad
+    Attributes
+    ----------
+    load
+        Load that reaches the soil, N.
+    diameter, width
+        Size of the wheel as the soil meets it, m.
+    sinkage
+        Sinkage, effects included, m.
+    modulus, exponent
+        K = k D^m times the effects' factors, Pa/m^n, and n with the effects' shifts.
+    cohesion, friction_angle
+        Strength of the soil, Pa, rad.
+    """
+
+    load: Array
+    diameter: Array
+    width: Array
+    sinkage: Array
+    modulus: Array
+    exponent: Array
+    cohesion: Array
+    friction_angle: Array
 
 
 @dataclass(frozen=True)
 class Effect:
     """Base of every effect: class attributes describe it, fields are its numbers.
 
-    Fields are made by `parameter` (fitted) and `constant` (given). `form`, `stage`, `channels` and
-    `drivers` follow from the class where it does not state them: its name, the stages it overrides,
-    its `needs`. Whatever a diagnosis has to know of an effect stands here; it knows none by its id.
+    Fields are made by `parameter` (fitted) and `constant` (given). Where a class does not state them, `form`
+    follows from its name, `stage` and `channels` from the stages that it overrides, and `drivers` from its
+    `needs`. A number outside its bounds raises EffectError.
     """
 
     id: ClassVar[str] = ""  # the physical idea; forms of one idea share it
@@ -180,26 +209,27 @@ class Effect:
     formula: ClassVar[str] = ""
     source: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()  # covariates that it reads
-    channels: ClassVar[tuple[str, ...]] = ()
+    channels: ClassVar[tuple[str, ...]] = ()  # measured quantities that it changes
     stage: ClassVar[str] = ""  # the first of the stages that it acts at
-    # An instrument's fault is reported as one, and never taken for physics of the soil.
+    # A fault of an instrument is reported as such, never as physics of the soil.
     kind: ClassVar[Literal["soil", "instrument"]] = "soil"
     # Settings that its strength follows: load, diameter, width, or covariates of `needs`.
     drivers: ClassVar[tuple[str, ...]] = ()
     # +1 where it acts only for values of its first driver over 0, -1 only for those under 0.
     side: ClassVar[Literal[-1, 0, 1]] = 0
-    # What to say of a table in which the first of `needs` is 0 in every row; "" where it acts at 0 too.
+    # Reason why it does nothing on a table in which the first of `needs` is 0 in every row; "" where it acts
+    # at 0, too.
     idle: ClassVar[str] = ""
-    # One sentence for people: what to measure or to check in order to separate it from others.
+    # One sentence for people: what to measure or to check in order to tell it from other effects.
     next_step: ClassVar[str] = ""
-    # A rule of contact in place of numbers: a model takes it over when the effect is added.
+    # Set for an effect that is a rule of contact: the geometry of a model to which it is added.
     geometry: ClassVar[str] = ""
-    # SHA-256 of the table that the law was learnt from, "" where it is published: that table cannot
-    # speak for it.
+    # SHA-256 of the table that the law was learnt from, "" for a published law: that table is no evidence
+    # for it.
     learnt_from: ClassVar[str] = ""
-    # Known physics of this package is applied wherever its columns are there: never a discovery.
+    # Whether a model always applies it where its columns are there; it is then never a finding.
     known_physics: ClassVar[bool] = False
-    # The stages that it acts at, in their order: those whose methods it has.
+    # The stages that it acts at, in their order: those whose methods it overrides.
     acts: ClassVar[tuple[str, ...]] = ()
     _drivers_stated: ClassVar[bool] = False
 
@@ -233,7 +263,7 @@ class Effect:
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
-        """The parameters that a fit determines, in the order of the fields."""
+        """The parameters, which a fit determines, in the order of the fields."""
         known = [(f.name, f.metadata.get("parameter")) for f in fields(cls)]
         return tuple(replace(p, name=name) for name, p in known if p is not None)
 
@@ -244,13 +274,13 @@ class Effect:
         return tuple(replace(p, name=name) for name, p in known if p is not None)
 
     def values(self) -> Iterator[tuple[str, float]]:
-        """Name and value of each parameter (constants are not among them)."""
+        """Yield name and value of each parameter, in its unit; constants are not among them."""
         for known in self.parameters():
             yield known.name, float(getattr(self, known.name))
 
     @classmethod
     def suited_to(cls, conditions: Conditions) -> Effect:
-        """The effect from which a fit starts; constants that only scale are set from the data."""
+        """The effect from which a fit to these rows starts; a form may take reference values from them."""
         return cls()
 
     def objection(self, conditions: Conditions) -> str:
@@ -258,15 +288,15 @@ class Effect:
         return ""
 
     def caution(self, conditions: Conditions) -> str:
-        """Where these rows are outside the known range of the effect; empty if they are not."""
+        """A sentence on rows outside the range in which the effect is known to hold; empty if none is."""
         return ""
 
     @classmethod
     def never_acts(cls, conditions: Conditions) -> str:
         """Why this form has no influence on any of these rows; empty if it has on some.
 
-        The base decides by `needs`, `side`, `idle` and the stages; a form that can decide better (by its
-        slip, say) overrides this and calls the base first.
+        The base decides by `needs`, `side`, `idle` and the stages. A form that can decide better, by the
+        size of the slip for example, overrides this and calls the base first.
         """
         if not cls._reached(conditions).any():
             return "it acts on rolling wheels, and no row is of one"
@@ -285,21 +315,21 @@ class Effect:
 
     @classmethod
     def values_met(cls, name: str, conditions: Conditions) -> Array:
-        """A column's values in the rows that the effect can act on, without blanks.
+        """A column's values in the rows that the effect can act on, without blanks; shape (values,).
 
         Parameters
         ----------
         name
-            Name of the column.
+            Name of the column, which the conditions must have.
         conditions
-            Settings, SI units.
+            Settings, SI units, shape (rows,) each.
         """
         values = conditions[name][cls._reached(conditions)]
         return np.asarray(values[np.isfinite(values)])
 
     @classmethod
     def _reached(cls, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows that the effect can act on: rolling ones, unless it has a stage for all."""
+        """Rows that it can act on: the rolling ones if all its stages are for those alone, else every row."""
         everywhere = not cls.acts or any(stage not in ROLLING_STAGES for stage in cls.acts)
         return np.ones(len(conditions), dtype=bool) if everywhere else conditions.rolling
 
@@ -340,16 +370,16 @@ class Effect:
         return resistance
 
 
-# What digging costs is not settled: soil that the wheel carried away may or may not have cost compaction
-# work. So a law of digging has a form in which data decides.
+# Soil that the wheel carried away may or may not have cost compaction work. A law of digging therefore has
+# a form in which the data decides.
 Form = TypeVar("Form", bound=type[Effect])
 
 
 def partly_dug(form: Form) -> Form:
     """Make a variant of a form in which only a share c of the added sinkage (in ln) compacts soil.
 
-    c is fitted: at 1 all of the added sinkage adds compaction resistance, at 0 none of it does. The new class
-    is placed in the module of the form that it varies.
+    c is a further parameter: at 1 all of the added sinkage adds compaction resistance, at 0 none of it does.
+    The new class belongs to the module of the given one, and its `form` is that one's after `partly_dug_`.
     """
 
     def compaction_sinkage(self: Any, sinkage: Array, conditions: Conditions) -> Array:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of one recorded column: k (`moisture`, `covariate:NAME`) and zeros that drift over it.
+"""Laws of one recorded column: k that depends on it (`moisture`, `covariate:NAME`), zeros that drift with it.
 
-A covariate of the run rather than the row, like moisture, takes at least 8 runs with different values.
+To find the influence of a column that changes only from run to run, as moisture does, takes at least 8 runs
+with different values.
 """
 
 from __future__ import annotations
@@ -25,19 +26,19 @@ class ColumnLaw(Effect):
     ----------
     prefix
         Set for a form that any column NAME of the data can drive: its id is then `PREFIX:NAME`, and {} in
-        its summary and next step stands for the name.
+        its `summary` and `next_step` is replaced by NAME. Empty for a form of a fixed column.
     """
 
     prefix: ClassVar[str] = ""
 
     @classmethod
     def column(cls, conditions: Conditions) -> Array:
-        """The column's values."""
+        """Values of the column, in its unit, shape (rows,)."""
         return conditions[cls.needs[0]]
 
     @classmethod
     def known(cls, conditions: Conditions) -> Array:
-        """The values of the column, without blanks."""
+        """Values of the column that are not blank, shape (values,)."""
         values = cls.column(conditions)
         return np.asarray(values[np.isfinite(values)])
 
@@ -50,16 +51,16 @@ class _Covariate(ColumnLaw):
 
 
 def _span(values: Array) -> dict[str, float]:
-    """Reference and scale of a column: the middle and half the range of its values."""
+    """Constants `reference` and `scale` of a law: middle and half the range of the column's values."""
     low, high = float(values.min()), float(values.max())
-    # A column that never varies says nothing; any scale will do.
+    # A column that does not vary has no influence to be found: any scale will do.
     scale = 0.5 * (high - low) if high > low else max(abs(high), 1.0)
     return {"reference": 0.5 * (low + high), "scale": scale}
 
 
 @dataclass(frozen=True)
 class ExponentialLaw(_Covariate):
-    """k = k0 exp(a (w - w0) / scale)."""
+    """Exponential growth of k with a column w: k = k0 exp(a (w - reference) / scale)."""
 
     form = "exponential"
     formula = "k = k0 exp(a (w - reference) / scale)"
@@ -80,7 +81,7 @@ class ExponentialLaw(_Covariate):
 
 @dataclass(frozen=True)
 class PowerLaw(_Covariate):
-    """k = k0 (w / w0)^p, for columns of positive values."""
+    """Power law of k over a column w of positive values: k = k0 (w / reference)^p."""
 
     form = "power"
     formula = "k = k0 (w / reference)^p, w > 0"
@@ -90,7 +91,7 @@ class PowerLaw(_Covariate):
 
     @classmethod
     def suited_to(cls, conditions: Conditions) -> Effect:
-        """Set the reference to the geometric mean of the column."""
+        """Set the reference to the column's geometric mean; keep the default if a value is not above 0."""
         values = cls.known(conditions)
         if values.size == 0 or values.min() <= 0:
             return cls()
@@ -135,7 +136,7 @@ class Power(_Moisture, PowerLaw):
 
 @dataclass(frozen=True)
 class Optimum(_Moisture):
-    """k is largest at a water content: menisci bind grains, and water that fills the pores does not."""
+    """k with a maximum at one water content: menisci bind grains, water that fills the pores does not."""
 
     # J. Geotech. Eng. 110(9), known from secondary sources.
     form = "optimum"
@@ -162,7 +163,7 @@ class Optimum(_Moisture):
 
 @dataclass(frozen=True)
 class _Drift(ColumnLaw):
-    """A zero that moves evenly from the column's lowest value to its highest."""
+    """An instrument's zero that drifts linearly with a column."""
 
     form = "even"
     kind = "instrument"
@@ -175,14 +176,14 @@ class _Drift(ColumnLaw):
 
     @classmethod
     def suited_to(cls, conditions: Conditions) -> Effect:
-        """The zero is right at the lowest value; the drift is that over the whole range."""
+        """Set the reference to the column's lowest value and the scale to its range."""
         values = cls.known(conditions)
         if values.size == 0 or np.ptp(values) == 0.0:
             return cls()
         return cls(reference=float(values.min()), scale=float(np.ptp(values)))
 
     def share(self, conditions: Conditions) -> Array:
-        """How much of the drift there is on each row."""
+        """Part of `drift` that each row has, (w - reference) / scale, shape (rows,)."""
         return np.asarray((self.column(conditions) - self.reference) / self.scale)
 
 

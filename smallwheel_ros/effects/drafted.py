@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The base of laws that `smallwheel learn` drafts.
 
-A drafted law is a file of its own, an effect like any other user's. It stores the data that it was
-learnt from and the range of that data.
+A drafted law is a Python file with an effect, like one that a user writes. It names the table that it was
+learnt from, by SHA-256, and the ranges of its settings.
 """
 
 from __future__ import annotations
@@ -19,24 +19,28 @@ from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 
-VERSION = 1  # of drafted files: rises when an older one would mean something else
+VERSION = 1  # of drafted files: rises when an older file would be misread
 
 
 def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high: float) -> Array:
-    """Evaluate a function of a driver, which continues as a straight line outside its measured range.
+    """Evaluate a function of a setting, continued as a straight line outside the measured range.
 
-    The line is the tangent at the end of the range.
-
-    Nothing was measured outside, and a straight line is the simplest assumption.
+    The line is the tangent at the end of the range: nothing was measured outside, and this is the simplest
+    assumption.
 
     Parameters
     ----------
     function
-        Takes values of the driver, shape (rows,), and returns the same shape.
+        Takes values of the setting within the range, shape (rows,), and returns the same shape.
     u
-        The driver's values, shape (rows,).
+        Values of the setting, shape (rows,); NaN is passed on to the function.
     low, high
-        Ends of the measured range, in the driver's unit.
+        Ends of the measured range, in the setting's unit.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,), in the function's unit.
     """
     values = np.asarray(u, dtype=float)
     inside = np.clip(values, low, high)
@@ -55,9 +59,14 @@ class Drafted(Effect):
     Attributes
     ----------
     version
-        The format of its file.
+        Version of the file's format.
     valid
-        Range of the data that it was learnt from, by setting, SI units.
+        Lowest and highest value of each setting in the data that it was learnt from, by name, SI units.
+
+    Raises
+    ------
+    EffectError
+        On definition of a subclass of another version, or with a wrong `valid` or `learnt_from`.
     """
 
     version: ClassVar[int] = 0
@@ -81,7 +90,7 @@ class Drafted(Effect):
             )
 
     def caution(self, conditions: Conditions) -> str:
-        """Where these rows are outside the range that the law was learnt in; empty if they are not."""
+        """A sentence on settings outside the ranges that the law was learnt from; empty if none is."""
         beyond = []
         for name, (low, high) in self.valid.items():
             if name not in conditions:

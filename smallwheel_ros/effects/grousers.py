@@ -68,7 +68,9 @@ class Traction(_Grouser):
     a: float = parameter(1.0, (0.0, 10.0), "strength; Bekker's own law is 1")
 
     def thrust_factor(self, state: WheelState, conditions: Conditions) -> Array:
-        """H0 with grousers over H0 = b l c + W tan(phi) without: cohesion gains most.
+        """Maximal thrust H0 with grousers over the one without, H0 = b l c + W tan(phi).
+
+        The part of cohesion grows most.
 
         Parameters
         ----------
@@ -76,6 +78,11 @@ class Traction(_Grouser):
             Load (N), sinkage, diameter, width (m) and strength of each row.
         conditions
             Settings, with `grouser_height` (m), shape (rows,).
+
+        Returns
+        -------
+        ndarray
+            Factor on thrust and torque, at least 1, shape (rows,); 1 where the soil has no strength.
         """
         height, width = conditions["grouser_height"], state.width
         ratio = height / width

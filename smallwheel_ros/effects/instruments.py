@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of a rig's instruments, which change what is shown and are not properties of the soil.
 
-A gain: everything shown is larger by a constant share. An offset: the instrument's zero is wrong.
-Friction of the rig, and errors that follow slip, affect only the force sensor: drawbar pull does
+With a gain, every reading is larger by a constant share; with an offset, the instrument's zero is wrong.
+Friction of the rig, and errors that follow slip, affect only the sensor of resistance: drawbar pull does
 not contain them.
 """
 
@@ -15,14 +15,14 @@ import numpy as np
 from smallwheel_ros.effects.base import Array, Effect, parameter
 from smallwheel_ros.physics.conditions import Conditions
 
-# The zero of a shown sinkage: Student's t about 0 with this deviation (m) and these degrees of freedom. It
-# is taken to 1 or 2 mm on loose soil; where it was taken with the wheel set down, or on its own rut, it is
-# off by what the wheel had sunk by then, up to a centimetre, which the tails of t leave room for.
+# Prior of the error of a shown sinkage's zero: Student's t about 0 with this scale (m) and these degrees of
+# freedom. On loose soil the zero can be set to within 1 or 2 mm. If it was set with the wheel on the soil, or
+# in its own rut, its error is the sinkage at that time, up to a centimetre: the tails of t allow for it.
 SINKAGE_ZERO_STD = 0.003
 SINKAGE_ZERO_FREEDOM = 3.0
 
-# Of a load cell's reading that is load, whatever its offset: a zero error as large as the reading is a
-# broken cell, and a wheel without a load has no sinkage to fit.
+# Least share of a load cell's reading that is load, whatever the offset: an offset as large as the reading
+# would mean a broken cell, and a wheel without a load has no sinkage to fit.
 _LEAST_SHARE = 0.05
 
 
@@ -146,7 +146,7 @@ class ShareOfLoad(Effect):
 
 @dataclass(frozen=True)
 class Magnitude(Effect):
-    """Resistance that follows slip: no law of soil does that, as digging would show in the sinkage.
+    """Resistance that grows with slip while sinkage does not; if the soil were the cause, sinkage would, too.
 
     In a rig it occurs where part of the wheel's thrust reaches the force sensor, as through a motor's
     cable or a tilted guide, or where the resistance is computed from the motor's torque.

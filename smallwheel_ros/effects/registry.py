@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The effects that exist: those of this folder, of installed packages, and of files given by the user.
+"""The registry of effects: those of this folder, of installed packages, and of files given by the user.
 
-There is no list: a class added to a file of the folder is discovered. Loading a file runs it, so
-that happens only if a user names the file; a model file never does it.
+There is no list: a class added to a file of this folder is discovered. Loading a user's file runs it, so it
+is loaded only if the user names it; a model file cannot cause that.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Forms = tuple[type[Effect], ...]
 Families = Mapping[str, Forms]
 Kind = TypeVar("Kind")
 
-PACKAGE = "smallwheel_ros.effects"  # this one, and the group of entry points of others
+PACKAGE = "smallwheel_ros.effects"  # this package; also the group of entry points of other packages
 
 # The laws that any column may drive, and the prefixes of their ids.
 _COLUMN_LAWS = [
@@ -46,20 +46,23 @@ def _rebuild(id: str, form: str, values: dict[str, float]) -> Effect:
 
 
 class _OfColumn(Effect):
-    """What the classes that `of_column` makes have in common: copies reach other processes."""
+    """Base of the classes that `of_column` makes, so that their instances can be pickled."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (self.id, self.form, {f.name: getattr(self, f.name) for f in fields(self)})
 
 
 def is_of_column(id: str) -> bool:
-    """Whether an id is `covariate:NAME` or another whose law any column may drive."""
+    """Whether an id is `PREFIX:NAME` of a law that any column may drive, such as `covariate:NAME`."""
     return id.partition(":")[0] in _PREFIXES and ":" in id
 
 
 @lru_cache(maxsize=256)
 def of_column(id: str) -> Forms:
-    """The family `PREFIX:COLUMN`: its laws, driven by that column of the data."""
+    """The forms of the effect `PREFIX:COLUMN`, which that column of the data drives, the default form first.
+
+    Empty for an unknown prefix. Raises EffectError without the name of a column.
+    """
     prefix, _, name = id.partition(":")
     if not name:
         raise EffectError(
@@ -78,16 +81,20 @@ def of_column(id: str) -> Forms:
 
 
 def covariate(name: str) -> Forms:
-    """The family in which k depends on a column of the data: exponential and power law."""
+    """Two forms of the effect `covariate:NAME`, k that depends on a column: exponential and power law."""
     return of_column(f"covariate:{name}")
 
 
 @dataclass(frozen=True)
 class Registry(Mapping[str, type[Effect]]):
-    """Families of effects in the order of their ids, each a tuple of forms, the default form first.
+    """The known effects, as a mapping from ids to classes of the default form: `registry["slip_sinkage"]`.
 
-    Families of columns are not listed; `family` makes them. As a mapping it gives the default form of each:
-    `registry["slip_sinkage"]`.
+    Effects of columns (`covariate:NAME`, drifts) are not listed, but can be looked up.
+
+    Attributes
+    ----------
+    families
+        All forms of each effect by its id, in the order of ids; of each, the default form first.
     """
 
     families: Families = field(default_factory=dict)
@@ -108,9 +115,9 @@ class Registry(Mapping[str, type[Effect]]):
         return f"<effects: {', '.join(self)}>"
 
     def family(self, id: str) -> Forms:
-        """Give the forms of one effect; `covariate:NAME` and drifts work for any column.
+        """The forms of one effect, the default first; `covariate:NAME` and drifts work for any column.
 
-        Raises EffectError with the nearest match and a list of what exists.
+        Raises EffectError, which names similar ids, if there is no such effect.
         """
         if is_of_column(id):
             return of_column(id)
@@ -120,19 +127,19 @@ class Registry(Mapping[str, type[Effect]]):
         return self.families[id]
 
     def form(self, id: str, form: str | None = None) -> type[Effect]:
-        """One form of an effect.
+        """The class of one form of an effect.
 
         Parameters
         ----------
         id
             Id of the effect.
         form
-            Name of the form; None: the default one.
+            Name of the form; None for the default one.
 
         Raises
         ------
         EffectError
-            If there is none of that name.
+            If there is no such effect or form.
         """
         known = {cls.form: cls for cls in self.family(id)}
         if form is not None and form not in known:
@@ -140,19 +147,21 @@ class Registry(Mapping[str, type[Effect]]):
         return next(iter(known.values())) if form is None else known[form]
 
     def effect(self, id: str, form: str | None = None, **values: float) -> Effect:
-        """Make an effect from its id, form and numbers; numbers that are not given have their defaults.
+        """Make an effect from its id, form and numbers.
 
         Parameters
         ----------
-        id, form
-            See `form`.
+        id
+            Id of the effect.
+        form
+            Name of the form; None for the default one.
         values
-            Numbers by name, SI units.
+            Parameters and constants by name, SI units; those not given have their defaults.
 
         Raises
         ------
         EffectError
-            If it does not exist, or a number is outside its domain.
+            If there is no such effect, form or number, or a number is outside its bounds.
         """
         cls = self.form(id, form)
         names = [f.name for f in fields(cls)]
@@ -164,18 +173,23 @@ class Registry(Mapping[str, type[Effect]]):
         return cls(**values)
 
     def with_file(self, path: str | Path) -> Registry:
-        """Add the effects of a Python file, which is run. Raises EffectError naming the file."""
+        """A registry with the effects of a Python file as well. Runs the file; raises as `load_effects`."""
         return self.with_families(load_effects(path), str(path))
 
     def with_families(self, user: Families, origin: str = "user's effects") -> Registry:
-        """Return a registry with more families; forms of an id that exists already join its family.
+        """Return a registry with more effects; forms of an id that exists already are appended to its forms.
 
         Parameters
         ----------
         user
-            Forms by id.
+            Forms by id, as from `load_effects`.
         origin
-            Where they come from, for messages.
+            Where they come from, such as the file, for messages.
+
+        Raises
+        ------
+        EffectError
+            If a class is not a usable effect, or its id has a form of that name already.
         """
         known = dict(self.families)
         for forms in user.values():
@@ -197,7 +211,7 @@ def _built_in() -> Families:
 
 @lru_cache(maxsize=1)
 def known_physics() -> Forms:
-    """Forms of this package that a model always applies if their columns are present."""
+    """Default forms of this package's effects that a model always applies if their columns are present."""
     return tuple(forms[0] for forms in _built_in().values() if forms[0].known_physics)
 
 
@@ -226,7 +240,7 @@ def default_registry() -> Registry:
 
 
 def load(path: str | Path) -> Registry:
-    """All effects with those of a Python file, which is run: name only a file that you trust.
+    """All effects, with those of a Python file; runs the file, so name only one that you trust.
 
     Raises EffectError where the file is missing, does not run, or defines no usable effect.
     """
@@ -234,7 +248,7 @@ def load(path: str | Path) -> Registry:
 
 
 def load_effects(path: str | Path) -> Families:
-    """Load the effects of a user's Python file. This runs the file: name only those you trust.
+    """Load the effects of a Python file, by id; runs the file, so name only one that you trust.
 
     Raises EffectError where the file is missing, does not run, or defines no usable effect.
     """
@@ -255,12 +269,17 @@ def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
     base
         The base class.
     what
-        What the classes are, for messages: "effect", "law".
+        What such a class is called in messages: "effect", "law".
+
+    Returns
+    -------
+    list of type
+        In the order of the file; of effects only those with an id. Never empty.
 
     Raises
     ------
     EffectError
-        If the file does not run or has no usable class.
+        If the file is missing, does not run, or has no usable class.
     """
     found = _some(_classes_in(_run(path, what), base), str(path), what, base.__name__)
     for made in found:
@@ -269,7 +288,7 @@ def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
 
 
 def _classes_in(module: ModuleType, base: type[Kind]) -> list[type[Kind]]:
-    """The classes of that base that a module defines itself, in its order; of effects those with an id."""
+    """Public classes of that base that a module defines itself, in its order; of effects those with an id."""
     return [
         value
         for name, value in vars(module).items()
@@ -305,14 +324,19 @@ def _run(path: Path, what: str = "effect") -> ModuleType:
 
 
 def line_in(error: Exception, path: Path) -> str:
-    """Where in a file an exception was raised, as `, line 7`; empty if not in that file.
+    """The line of a file at which an exception was raised, as `, line 7`, to append to the file's name.
 
     Parameters
     ----------
     error
-        The exception, as it was caught.
+        The exception, with its traceback.
     path
         The file.
+
+    Returns
+    -------
+    str
+        The innermost line in that file, for a SyntaxError its own; empty if none is in the file.
     """
     if isinstance(error, SyntaxError):
         return f", line {error.lineno}"
@@ -322,7 +346,7 @@ def line_in(error: Exception, path: Path) -> str:
 
 
 def _add(known: dict[str, Forms], forms: Iterable[type[Effect]], origin: str) -> None:
-    """Add forms to their families; `origin` is where they come from, for messages."""
+    """Check forms and add them to `known` in place. origin: where they come from, for messages."""
     for form in forms:
         where = f"{origin}: class {form.__name__}"
         _check_class(form, where)
@@ -353,7 +377,7 @@ def _check_class(made: type, where: str) -> None:
 
 
 def _wrong(form: type[Effect]) -> str:
-    """What a class of an effect says that cannot be, "" where nothing."""
+    """What is wrong with the class attributes of an effect, for a message after its name; "" if nothing."""
     if is_of_column(form.id):
         return f": ids like '{form.id}' are made for columns"
     for name in ("needs", "drivers"):
@@ -382,9 +406,9 @@ def _wrong(form: type[Effect]) -> str:
 
 
 def families(user: Families | None = None) -> Families:
-    """All families of effects by id, each a tuple of forms, the default one first.
+    """All forms of each effect by its id, a tuple with the default form first.
 
-    Those of a user's file (`load_effects`) join them.
+    user: further forms by id (`load_effects`), which are included.
     """
     return default_registry().with_families(user or {}).families
 
@@ -392,24 +416,29 @@ def families(user: Families | None = None) -> Families:
 def effect_class(
     family: str, form: str | None = None, user: Families | None = None
 ) -> type[Effect]:
-    """One form of a family.
+    """Return the class of one form of an effect.
 
     Parameters
     ----------
     family
         The effect's id.
     form
-        Name of the form; None: the default one.
+        Name of the form; None for the default one.
     user
-        Effects of the user's own, in addition to those of the package.
+        The user's own forms by id (`load_effects`), in addition to those that are known.
+
+    Raises
+    ------
+    EffectError
+        If there is no such effect or form.
     """
     return default_registry().with_families(user or {}).form(family, form)
 
 
 def as_effect(given: Effect | type[Effect] | str) -> Effect:
-    """Return an effect from an instance, its class, its id or `id/form`; numbers at their defaults.
+    """Return an effect unchanged, or make one from its class, its id or `id/form`, with default numbers.
 
-    Raises EffectError where it is none of these.
+    Raises EffectError where it is none of these, or there is no such effect.
     """
     if isinstance(given, Effect):
         return given
@@ -425,11 +454,20 @@ def as_effect(given: Effect | type[Effect] | str) -> Effect:
 
 
 def effect(id: str, form: str | None = None, **values: float) -> Effect:
-    """Make an effect from its id: `effect("slip_sinkage", a=1.2)`; see `Registry.effect`.
+    """Make an effect from its id: `effect("slip_sinkage", a=1.2)`.
 
     Parameters
     ----------
-    id, form, values
-        See `Registry.effect`.
+    id
+        Id of the effect.
+    form
+        Name of the form; None for the default one.
+    values
+        Parameters and constants by name, SI units; those not given have their defaults.
+
+    Raises
+    ------
+    EffectError
+        If there is no such effect, form or number, or a number is outside its bounds.
     """
     return default_registry().effect(id, form, **values)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """slip_sinkage, skid_sinkage, slip_angle_sinkage: a wheel that does not roll freely digs itself in.
 
-One set of laws with a side: a driven wheel slips (over 0), a braked one skids (under 0). They have
-separate parameters, as there is no evidence that the same values hold for both signs. Linear and
-square growth, and Lyasko's and Reece's laws, are special cases of the quadratic one; its c is the
-share of the dug depth that costs compaction work.
+Slip of a driven wheel (over 0) and skid of a braked one (under 0) have laws of the same form, but separate
+parameters, as there is no evidence that the same values hold for both signs. Linear and square growth,
+and Lyasko's and Reece's laws, are special cases of the quadratic one. In its variant that is partly dug, c is
+the share of the dug depth that costs compaction work.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FREE_ROLLING = 0.02
 
 
 class BySlip(Effect):
-    """Acts at slip of one sign: `side` is 1 for a driven wheel, -1 for a braked one."""
+    """Base of effects that act at slip of one sign: `side` is 1 for driven wheels, -1 for braked ones."""
 
     needs: ClassVar[tuple[str, ...]] = ("slip",)
     side: ClassVar[Literal[-1, 0, 1]] = 1

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What changes the soil's response: load, width and speed, layers below, and the wheel itself.
+"""Effects of soil and wheel: stiffness by load, width, speed and layers, and what the wheel does to the soil.
 
-load_dependent_modulus, width_dependent_modulus, penetration_rate, hardpan; soil that the wheel
-pushes ahead, that earlier wheels pressed, that rises behind it: bulldozing, multipass,
-elastic_rebound; and load and outline of the wheel as the soil meets them: slope, contact_geometry.
-Its water content is in `column`.
+load_dependent_modulus, width_dependent_modulus, penetration_rate, hardpan; bulldozing (soil that the wheel
+pushes ahead), multipass (soil that earlier wheels pressed), elastic_rebound (soil that rises after the
+wheel); slope (the part of the load that presses on the soil), contact_geometry (the outline that carries it).
+Water content is in `column_laws`.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from smallwheel_ros.effects.base import (
 )
 from smallwheel_ros.physics.conditions import Conditions
 
-_SLOWEST = 1e-3  # m/s: below, no law of rate has a meaning
+_SLOWEST = 1e-3  # m/s: at lower speeds no law of rate has a meaning
 
 
 class _LoadDependentModulus(Effect):
-    """With sinkage alone exactly aliased with n and with a law of width.
+    """k that depends on the load.
 
-    Resistance, or a plate test, tells them apart.
+    From sinkage alone it cannot be told from another n or from k that depends on the width; resistance, or a
+    plate test, tells them apart.
     """
 
     id = "load_dependent_modulus"
@@ -55,7 +56,7 @@ class LoadPower(_LoadDependentModulus):
 
 
 class _WidthDependentModulus(Effect):
-    """Two-sided: published values of kc are negative, too."""
+    """k that depends on the width, in either direction: published values of kc are negative, too."""
 
     id = "width_dependent_modulus"
     summary = "The soil's modulus k depends on the wheel's width."
@@ -80,7 +81,10 @@ class Bekker(_WidthDependentModulus):
 
 
 class _PenetrationRate(Effect):
-    """Over 0.01 to 0.5 m/s this is 0 to 8 % of the sinkage in sand: often less than data can show."""
+    """k that grows with speed.
+
+    From 0.01 to 0.5 m/s the sinkage in sand changes by 0 to 8 %, often less than data can show.
+    """
 
     id = "penetration_rate"
     summary = "Soil that is loaded faster is stiffer: sinkage falls with speed."
@@ -170,10 +174,10 @@ class Exponential(_Hardpan):
 
 @dataclass(frozen=True)
 class _Bulldozing(Effect):
-    """Cohesion and friction angle are those of the model's soil.
+    """Resistance of soil pushed ahead, with cohesion and friction angle of the model's soil.
 
-    Published forms differ 10 to 70 times at the scale of a small wheel, so each has a scale that is
-    fitted; Bekker's form of 1969, the largest, is left out for that.
+    For a small wheel published forms differ by a factor of 10 to 70, so each has a scale that is fitted;
+    Bekker's form of 1969, which gives the largest resistance, is left out.
     """
 
     id = "bulldozing"
@@ -215,11 +219,10 @@ class Cohesionless(_Bulldozing):
 
 
 class _Multipass(Effect):
-    """Wheels that follow in a rut meet soil that others have changed.
+    """Wheels that follow in a rut meet soil that earlier passes have changed.
 
-    In the first forms sinkage is the depth of the rut below the untouched surface after pass N; in
-    `Hardening` it is what that pass itself adds, in soil that the passes before have firmed (p > 0) or
-    loosened (p < 0).
+    In `PassPower` sinkage is the depth of the rut below the untouched surface after pass N; in `Hardening` it
+    is what that pass itself adds, in soil that the passes before have firmed (p > 0) or loosened (p < 0).
     """
 
     id = "multipass"
@@ -264,9 +267,10 @@ PartlyDugPassPower = partly_dug(PassPower)
 
 
 class _ElasticRebound(Effect):
-    """What the soil that rises gives back to the wheel is not modelled: no source was found for it.
+    """Soil that rises after the wheel, so that the measured rut is shallower than the wheel's sinkage.
 
-    Seen only where a rut and the wheel's own sinkage are both measured: in one channel k absorbs it.
+    The force of that soil on the wheel is not modelled: no source was found for it. The effect can be found
+    only where rut and sinkage are both measured; otherwise another k describes the data as well.
     """
 
     id = "elastic_rebound"
@@ -294,7 +298,7 @@ class Compliance(_ElasticRebound):
 
 @dataclass(frozen=True)
 class Gravity(Effect):
-    """Gravity on a slope: known physics that a model always applies if the conditions have a slope."""
+    """Gravity on a slope, which every model applies if the conditions have a slope."""
 
     id = "slope"
     summary = "On a slope, W cos(slope) presses on the soil and W sin(slope) adds to resistance."
@@ -324,7 +328,7 @@ class Gravity(Effect):
 
 @dataclass(frozen=True)
 class ContactIntegral(Effect):
-    """A rule rather than a number: adding it to a model sets the model's geometry."""
+    """The contact integral as an effect: adding it to a model sets the model's geometry."""
 
     id = "contact_geometry"
     summary = "The wheel's true outline carries the load, not eq. 10's parabola and two terms."

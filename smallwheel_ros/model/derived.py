@@ -3,9 +3,9 @@
 
     std(f)^2 = g' C g,   g = df/dtheta          (the delta method, to first order)
 
-A fit works with ln p_ref and ln K (`fitting.parameters`), people with k and K. A parameter that is
-not in the covariance is treated as exactly known: with one wheel diameter m is held, and k's
-deviation is that of k at this m.
+K is here the shear deformation modulus. A fit works with ln p_ref and ln K (`fitting.parameters`), people
+with k and K. A parameter that is not in the covariance is treated as exactly known: with one wheel diameter m
+is held, and k's deviation is that of k at this m.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DerivedNumber:
-    """One derived number of a soil.
+    """A number of a soil that follows from its fitted parameters.
 
     Attributes
     ----------
     name, value, unit
-        Its name, value and unit.
+        Its name (a field of `Soil`), and its value in `unit`.
     std
         Its standard deviation, in its unit; None if unknown.
     follows
@@ -55,6 +55,12 @@ def derived_numbers(
         Names of the covariance's parameters, as `SOIL.n`; those of other soils may be among them.
     covariance
         Covariance of these parameters, shape (names, names), in the product of their units.
+
+    Returns
+    -------
+    tuple of DerivedNumber
+        `k` (Pa/m^(n+m)) and `shear_displacement` (m), in this order. The deviation is None where the
+        covariance lacks the soil's `log_reference_pressure` or `log_shear_displacement`, respectively.
     """
     # ln k = ln p_ref - n ln z_ref - m ln D_ref
     of_k = {
@@ -76,7 +82,10 @@ def derived_numbers(
 def _deviation(
     soil: Soil, slopes: Mapping[str, float], names: Sequence[str], covariance: Array
 ) -> float | None:
-    """Standard deviation to first order; None where the first of the parameters is not known."""
+    """Standard deviation, to first order, of a number with these slopes by the soil's parameters.
+
+    None where the covariance lacks the first of them; any other that it lacks is taken as exactly known.
+    """
     known = [name for name in slopes if f"{soil.name}.{name}" in names]
     if next(iter(slopes)) not in known:
         return None

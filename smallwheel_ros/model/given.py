@@ -29,7 +29,7 @@ class HasModel(Protocol):
 
 
 def _file_or_name(given: str) -> str | Path:
-    """A model's file; the name as it is where there is no such file."""
+    """The path of a model file, or the text itself, as a soil's name, where there is no such file."""
     if not Path(given).is_file():
         return given
     if given in soil:
@@ -52,7 +52,21 @@ OwnEffects = Annotated["Registry | str | PathLike[str]", Kind("FILE", type=Path)
 
 
 def registry_of(own: OwnEffects | None) -> Registry:
-    """All effects, with those of your own. Raises ArgumentError, EffectError."""
+    """The registry of all effects, with the user's own.
+
+    Parameters
+    ----------
+    own
+        A registry, which is returned unchanged, or a Python file with effects, which is run and adds them to
+        the built-in and installed ones; None for these alone.
+
+    Raises
+    ------
+    ArgumentError
+        If it is neither.
+    EffectError
+        If the file is missing, does not run, or defines no usable effect.
+    """
     if own is None:
         return default_registry()
     if isinstance(own, Registry):
@@ -65,14 +79,15 @@ def registry_of(own: OwnEffects | None) -> Registry:
 
 
 def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
-    """Return ids as a tuple, once each is known to be that of an effect, or `unknown`.
+    """Check the ids of effects that a diagnosis is to leave out, and return them as a tuple.
 
     Parameters
     ----------
     without
-        One id, or several.
+        One id, or several; `unknown`, the diagnosis's verdict of an effect that is not in the library, is
+        allowed, too.
     known
-        Effects that there are.
+        Effects that exist.
 
     Raises
     ------
@@ -87,19 +102,26 @@ def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
 
 
 def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
-    """The given model, with its uncertainty.
+    """Turn an argument that stands for a model into a calibrated model.
 
     Parameters
     ----------
     given
-        A model, a soil, their name, a model file, or a result that has a model.
+        A model, a soil, the name of a soil of the library, a model file, or a result that has a model. A name
+        that is both a soil's and a file's is the soil's; a `Path` is always a file.
     known
-        Effects that a model file may name; those of the package and of installed ones if not given.
+        Effects that a model file may name; those of the package and of installed packages if not given.
+
+    Returns
+    -------
+    CalibratedModel
+        With the uncertainty that the file or result states; with an unknown one (no `names`) for a plain
+        model or a soil.
 
     Raises
     ------
     ArgumentError, ModelFileError
-        If it is none of these, or the file cannot be used.
+        If it is none of these (a result whose model is None included), or the file cannot be used.
     """
     from smallwheel_ros.model.model import CalibratedModel, Model
     from smallwheel_ros.model.model_file import as_calibrated, read_model
@@ -123,15 +145,28 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
 
 def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
-    """Turn what a user gave into the effects that a fit starts from.
+    """Turn an argument that stands for effects into the effects from which a fit starts.
 
     Parameters
     ----------
     given
         Ids, effects, classes of effects or Python files with them; one or several.
     conditions
-        Conditions of the measurements. A constant that only scales an effect, such as a reference
-        speed, is computed from them unless the user gave it.
+        Conditions of the measurements, from which a constant that only scales an effect, such as a reference
+        speed, is set (`Effect.suited_to`), unless the user gave the effect as an instance.
+
+    Returns
+    -------
+    list of Effect
+        One for each id, class or instance given. A Python file makes its effects known; those whose ids are
+        new are all meant if no other entry names one of them, else only the named ones.
+
+    Raises
+    ------
+    ArgumentError
+        If an entry is none of these.
+    EffectError
+        If there is no such effect, or a file cannot be used.
     """
     listed: list[Any] = (
         [given] if isinstance(given, (str, Effect, type)) else list_of("effects", given)
@@ -159,19 +194,19 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
 
 
 def list_of(name: str, given: Any) -> list[Any]:
-    """Return an argument, one thing or several, as a list.
+    """Return the items of an argument as a list.
 
     Parameters
     ----------
     name
-        Name of the argument, for the message.
+        Name of the argument, for the error message.
     given
-        One thing, or anything that can be iterated over.
+        Anything that can be iterated over; of a text these are its characters, of a mapping its keys.
 
     Raises
     ------
     ArgumentError
-        If it cannot be iterated over.
+        If it cannot be iterated over, such as a single number.
     """
     try:
         return list(given)

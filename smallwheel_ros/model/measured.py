@@ -20,23 +20,26 @@ from smallwheel_ros.physics.wheel import GRAVITY
 
 Array = NDArray[np.float64]
 
-_ROOM = 0.05  # of what was measured, of a range and off a line: what a setting is good to
-_SAME = 0.01  # of a size: one wheel
-_OFF_LINE = 4.0  # deviations off the line that two settings lay on
+_ROOM = 0.05  # of a measured range: a setting that is no further outside counts as measured
+_SAME = 0.01  # of the diameter: wheels whose sizes differ by less are one wheel
+_OFF_LINE = 4.0  # standard deviations: beyond, a row is off the line of two tied settings
 
 
 @dataclass(frozen=True)
 class RunScatter:
-    """Scatter of new measurements of one channel about the right model, in standard deviations.
+    """Scatter of new measurements of one channel about the right model, as standard deviations.
+
+    Relative ones are fractions of the channel's level: the predicted value for sinkage and resistance, the
+    load for drawbar pull, load times radius for torque.
 
     Attributes
     ----------
     run
-        Deviation of a whole run, relative to the value.
+        Deviation common to all rows of a run, relative.
     zero
-        Deviation of a run's zero, SI.
+        Deviation of a run's zero, in the channel's SI unit.
     absolute, relative
-        Deviation of one row: a constant part, SI, and a part relative to the value.
+        Deviation of one row: a constant part, in the channel's SI unit, and a relative part.
     law
         Error of the law itself from setting to setting, relative.
     """
@@ -48,32 +51,32 @@ class RunScatter:
     law: float = 0.0
 
     def of_law(self, level: Array) -> Array:
-        """Variance due to the error of the law, for values of that size; same shape."""
+        """Variance due to the error of the law, at levels in the channel's SI unit; the same shape."""
         return np.asarray((self.law * level) ** 2)
 
     def of_run(self, level: Array) -> Array:
-        """Variance due to the run, for values of that size; same shape."""
+        """Variance due to the run and its zero, at levels in the channel's SI unit; the same shape."""
         return np.asarray((self.run * level) ** 2 + self.zero**2)
 
     def of_row(self, level: Array) -> Array:
-        """Variance due to a row of a run, for values of that size; same shape."""
+        """Variance of a single row within its run, at levels in the channel's SI unit; the same shape."""
         return np.asarray((self.relative * level) ** 2 + self.absolute**2)
 
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """Error of the law of pull or torque, as a standard deviation.
+    """Error of the law of pull or torque, as standard deviations without a unit.
 
-    That of pull is divided by the load, that of torque by load times radius.
+    Those of pull are divided by the load, those of torque by load times radius.
 
     Attributes
     ----------
     known
-        The error for a wheel and slips that were measured.
+        The error for a wheel and slips that were measured, that of the fitted strength included.
     law
-        For any other wheel or slip, the part that varies over the slips of a wheel.
+        For any other wheel or slip, the part that varies over the slips of a wheel; strength not included.
     wheel
-        For any other wheel or slip, the part common to all slips of a wheel.
+        Likewise, the part common to all slips of a wheel.
     """
 
     known: float
@@ -82,15 +85,26 @@ class ForceLaw:
 
     @property
     def elsewhere(self) -> float:
-        """The error for a wheel that was not measured."""
+        """The error for a wheel or slip that was not measured: both parts together."""
         return float(np.hypot(self.law, self.wheel))
 
 
 @dataclass(frozen=True)
 class Tied:
-    """Two settings that were varied together: other = at + slope * setting, with a scatter `deviation`.
+    """Two settings that were varied together, so that data cannot separate their influence.
 
-    All in the SI units of the settings.
+    They lay on the line other = at + slope * setting.
+
+    Attributes
+    ----------
+    setting, other
+        Names of the two settings.
+    at
+        Value of `other` on the line where `setting` is 0, SI.
+    slope
+        Unit of `other` per unit of `setting`, SI.
+    deviation
+        Standard deviation of `other` from the line, SI.
     """
 
     setting: str
@@ -100,29 +114,31 @@ class Tied:
     deviation: float
 
     def off(self, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows in which the two settings are not on that line, shape (rows,)."""
+        """Rows over four deviations off that line, shape (rows,); the conditions must have both settings."""
         away = conditions[self.other] - self.at - self.slope * conditions[self.setting]
         return np.asarray(np.abs(away) > _OFF_LINE * self.deviation)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Range and scatter of the measurements.
+    """Range and scatter of the measurements that a model was fitted to; by default nothing is known of them.
 
     Attributes
     ----------
     ranges
-        Smallest and largest value of each setting, SI.
+        Smallest and largest value of each setting by name, SI.
     wheels
-        (diameter, width, lugs) of each, m.
+        Diameter, width and height of the lugs (0 without lugs) of each wheel, m.
     stiffness
         Standard deviation of ln k from run to run.
     runs
-        Scatter by channel.
+        Scatter of new measurements by channel: `sinkage`, `resistance`, `drawbar_pull`, `torque`.
     forces
-        Error of the law of pull and of torque, by channel, where measured.
+        Error of the law of `drawbar_pull` and of `torque`, for those that were measured.
+    tied
+        Pairs of settings that were varied together.
     unexplained
-        Whether the data confirms no law, so that differences of runs may be an error of the law.
+        Whether the data confirms no law, so that differences between runs may be an error of the law.
     """
 
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -134,7 +150,7 @@ class Measured:
     unexplained: bool = False
 
     def plain(self) -> dict[str, Any]:
-        """The ranges and scatter as plain values, for a model file."""
+        """The section `measured` of a model file: the attributes by name, as plain lists and dicts."""
         return {
             "ranges": {n: [float(a), float(b)] for n, (a, b) in self.ranges.items()},
             "wheels": [list(map(float, one)) for one in self.wheels],
@@ -146,7 +162,10 @@ class Measured:
         }
 
     def has_wheel(self, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows with a wheel that was measured, at slips that were measured."""
+        """Rows with a wheel and a slip that were measured, shape (rows,).
+
+        Sizes may differ from the measured ones by 1 % of the diameter; the slip must be in its range.
+        """
         lugs = conditions.covariates.get("grouser_height", 0.0)
         size = np.column_stack(np.broadcast_arrays(conditions.diameter, conditions.width, lugs))
         room = _SAME * conditions.diameter
@@ -157,20 +176,26 @@ class Measured:
 
     @property
     def settings(self) -> dict[str, tuple[float, float]]:
-        """Ranges of the settings; gravity is the standard one unless the table says otherwise."""
+        """`ranges`, with standard gravity (m/s^2) where the table had no column of it.
+
+        Empty where there are no ranges.
+        """
         standard = {"gravity": (GRAVITY, GRAVITY)} if self.ranges else {}
         return {**standard, **self.ranges}
 
     def beyond(self, name: str, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows in which a setting is outside the measured range, shape (rows,).
+        """Rows in which a setting is clearly outside the measured range, shape (rows,).
+
+        That is by more than 5 % of the range or of its upper end, whichever is more; by more than 1 % of the
+        value where only one was measured.
 
         Parameters
         ----------
         name
-            Name of the setting: load, diameter, width, gravity or a covariate; an unknown one is never
-            outside.
+            Name of the setting: load, diameter, width, gravity or a covariate. One that the conditions or the
+            ranges do not have is never outside.
         conditions
-            Settings, SI units; gravity is standard where they have none.
+            Settings, SI units; a blank (NaN) is not outside. Gravity is standard where they have none.
         """
         if name in conditions:
             values = conditions[name]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models that the data could not tell apart, as one model for users that can run only one: the node.
+"""Combines models that the data could not tell apart (rivals) into one, for users that can run only one.
 
 Its soil is the mean of theirs. At each stage, the change of a value is the mean of the changes by
-the effects of each model, weighted by the models' probabilities. To first order that is the mean of
-their predictions.
+the effects of each model. Means are weighted by the models' probabilities. To first order the combined
+model predicts the mean of their predictions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ Part = tuple[float, Sequence[Effect]]  # a model's probability and its effects
 
 
 def mixed(calibrated: CalibratedModel) -> Model:
-    """The single model that represents a model's rivals; the model itself where it has none."""
+    """The single model that represents a model's rivals; the model itself where it has none.
+
+    Where a rival has effects, the result has one effect, `mixture`, in place of all of them.
+    """
     if not calibrated.rivals:
         return calibrated.model
     parts = [(share, rival.model) for share, rival in calibrated.rivals]
@@ -47,7 +50,7 @@ def rivals_text(calibrated: CalibratedModel) -> str:
 
 
 def _mean_soil(soil: Soil, parts: Sequence[tuple[float, Soil]]) -> Soil:
-    """The mean of the soils: of ln k at the depth and size of reference, and of the other numbers."""
+    """The mean of the soils, named like the first argument: of ln p_ref, and of each other number itself."""
     means = {
         name: sum(share * float(getattr(one, name)) for share, one in parts)
         for name in SOIL_NUMBERS
@@ -58,9 +61,9 @@ def _mean_soil(soil: Soil, parts: Sequence[tuple[float, Soil]]) -> Soil:
 
 
 def _mean_effect(parts: Sequence[Part]) -> Effect:
-    """One effect that does what those of several models do in the mean."""
+    """One effect whose action at each stage is the mean of the actions of several models' effects."""
     acting = {stage for _, effects in parts for effect in effects for stage in effect.acts}
-    if "sinkage" in acting:  # what digs compacts as far, where it does not say otherwise
+    if "sinkage" in acting:  # by default soil is compacted to the depth that is dug
         acting.add("compaction_sinkage")
     every = [effect for _, effects in parts for effect in effects]
     body: dict[str, Any] = {
@@ -75,7 +78,7 @@ def _mean_effect(parts: Sequence[Part]) -> Effect:
 
 
 def _mean_stage(parts: Sequence[Part], stage: str) -> Callable[..., Any]:
-    """What a stage gives in the mean over the models."""
+    """A method for one stage that returns the mean over the models of what their effects return."""
 
     def of_one(effects: Sequence[Effect], *given: Any) -> Any:
         if stage in _FACTORS:

@@ -42,9 +42,9 @@ from smallwheel_ros.physics.traction import (
 )
 
 Array = NDArray[np.float64]
-_DEEPEST_PLATE = 3.0  # of its diameter: no plate is pressed deeper
-# Place of the largest pressure, of the entry angle: c1 + c2 i, as quoted for sands (Wong and Reece 1967;
-# 0.2 to 0.4 and 0.2 to 0.4, not read in the original).
+_DEEPEST_PLATE = 3.0  # diameters: no plate is pressed deeper
+# Angle of the largest pressure over the entry angle, c1 + c2 i, as quoted for sands (Wong and Reece 1967; c1
+# and c2 are 0.2 to 0.4 each, not read in the original).
 _PEAK, _PEAK_BY_SLIP = 0.4, 0.3
 _ROUNDED = 0.005 + 1e-9  # what rounding to two digits may do to a probability
 GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
@@ -58,11 +58,26 @@ class ModelError(SmallwheelError):
 class Model(Result, shown="model.model_file"):
     """Soils, geometry rule and effects in the order in which they act.
 
-    With one soil, it holds for every row; with several, a row's `soil` picks by name. An effect
-    that is a geometry rule (`contact_geometry`) becomes the model's geometry. Soils may be named:
+    Soils and effects may be given by name:
 
     >>> Model("dry_sand") + "slip_sinkage"
     <Model: dry_sand, contact integral, with slip sinkage>
+
+    Attributes
+    ----------
+    soils
+        One soil, which holds for every row, or several, of which each row's `Conditions.soil` names one.
+    geometry
+        How the outline of the wheel carries the load: `contact_integral` or `closed_form`.
+    effects
+        An effect that is a geometry rule (`contact_geometry`) is not kept: it sets `geometry`.
+    thrust_form
+        The law of thrust, one of `physics.traction.ThrustForm`.
+
+    Raises
+    ------
+    ModelError
+        Without a soil, and for a geometry or thrust form that does not exist.
     """
 
     soils: tuple[Soil, ...]
@@ -102,7 +117,7 @@ class Model(Result, shown="model.model_file"):
             raise ModelError("a model needs at least one soil")
 
     def __add__(self, effect: Effect | type[Effect] | str) -> Model:
-        """The model with one more effect, given as such, as its class or by its id."""
+        """The model with one more effect, which acts last; the effect itself, its class or its id."""
         return replace(self, effects=(*self.effects, as_effect(effect)))
 
     @classmethod
@@ -114,7 +129,8 @@ class Model(Result, shown="model.model_file"):
         path
             The file, YAML.
         effects
-            Effects of your own that the file names (`smallwheel_ros.effects.load`).
+            Effects that the file may name (`smallwheel_ros.effects.load`, for your own); if not given, those
+            of the package and of installed packages.
 
         Raises
         ------
@@ -129,14 +145,17 @@ class Model(Result, shown="model.model_file"):
     from_file = load
 
     def headline(self) -> str:
-        """Soils, geometry and effects."""
+        """Names of the soils, the geometry and the effects, in one line."""
         names = ", ".join(one.name for one in self.soils)
         effects = " and ".join(effect.id.replace("_", " ") for effect in self.effects)
         rule = self.geometry.replace("_", " ")
         return f"{names}, {rule}" + (f", with {effects}" if effects else "")
 
     def acting(self, conditions: Conditions) -> tuple[Effect, ...]:
-        """Effects that act on these rows: the model's, after known physics that has its columns."""
+        """All effects that a prediction applies: known physics whose columns there are, then the model's own.
+
+        Known physics (`Effect.known_physics`, such as gravity on a slope) need not be in the model.
+        """
         present = {effect.id for effect in self.effects}
         known = [
             form()
@@ -152,26 +171,27 @@ class Model(Result, shown="model.model_file"):
 
 
 class CalibratedModel(Model):
-    """A model, the uncertainty of its parameters, and where they come from.
+    """A model with the uncertainty and the provenance of its parameters.
 
     Attributes
     ----------
     names, covariance
-        Names and covariance of the fitted parameters: `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`, with
-        drawbar pull the soil's strength too (`model_file.SOIL_PARAMETERS`), and `EFFECT.PARAMETER`; shape
-        (names, names). Empty if the uncertainty is unknown.
+        Names of the fitted parameters, and their covariance in the product of their SI units, shape (names,
+        names): `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`, with drawbar pull or torque the soil's
+        strength too (`model_file.SOIL_PARAMETERS`), and `EFFECT.PARAMETER`. Empty if the uncertainty is
+        unknown.
     provenance
-        data, sha256, date, held_out_rmse and the like: plain values, for people.
+        Plain values for people by name: data, sha256, date, held_out_rmse and the like.
     measured
-        The data, as far as a prediction needs it.
+        Ranges and scatter of the data.
     rivals
-        Models that the data could not tell apart, each with its probability; a prediction is then their
-        mixture. Rounded probabilities are scaled so that they sum to 1.
+        Probability and model of each of those that the data could not tell apart; a prediction is then their
+        mixture. Rounded probabilities are scaled so that they sum to 1. Empty where one model stands alone.
 
     Raises
     ------
     ModelError
-        If the probabilities do not sum to 1 within rounding: one is missing, or there twice.
+        If the probabilities of the rivals do not sum to 1 within rounding.
     """
 
     names: tuple[str, ...]
@@ -201,7 +221,7 @@ class CalibratedModel(Model):
             object.__setattr__(self, name, value)
 
     def changed(self, **parts: Any) -> CalibratedModel:
-        """A copy with some of the constructor's arguments changed."""
+        """A copy with other values for some of the constructor's arguments, given by name."""
         known: dict[str, Any] = {
             name: getattr(self, name)
             for name in ("model", "names", "covariance", "provenance", "measured", "rivals")
@@ -214,11 +234,11 @@ class CalibratedModel(Model):
         return Model(self.soils, self.geometry, self.effects, self.thrust_form)
 
     def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
-        """The model with one more effect, of whose numbers nothing is known yet."""
+        """The model with one more effect, whose parameters' uncertainty is unknown, and without rivals."""
         return self.changed(model=self.model + effect, rivals=())
 
     def standard_deviation(self, name: str) -> float | None:
-        """Standard deviation of a parameter; None if unknown."""
+        """Standard deviation of a parameter, named as in `names`, in its unit; None if unknown."""
         if name not in self.names:
             return None
         at = self.names.index(name)
@@ -228,7 +248,7 @@ class CalibratedModel(Model):
 def _whole(
     rivals: Sequence[tuple[float, CalibratedModel]],
 ) -> tuple[tuple[float, CalibratedModel], ...]:
-    """Rivals with probabilities that sum to 1. Raises ModelError where theirs do not, but for rounding."""
+    """Scale rivals' probabilities to sum to 1. Raises ModelError where they miss it by more than rounding."""
     total = sum(share for share, _ in rivals)
     if rivals and not abs(total - 1.0) <= _ROUNDED * len(rivals):
         raise ModelError(
@@ -244,17 +264,19 @@ class Prediction:
     Attributes
     ----------
     sinkage, resistance
-        As the instruments would show them.
+        m, N, as the instruments would show them.
     true_sinkage, true_resistance
-        Without errors of instruments; the same if the model has no effect of an instrument.
+        The same without errors of instruments; equal if the model has no effect of an instrument.
     compaction_resistance
-        The part of true_resistance due to compaction, the work of k z^n D^m (eq. 14).
+        N, the part of true_resistance due to compaction: the work of pressing a metre of rut (eq. 14 of
+        Meirion-Griffith and Spenko 2011).
     thrust, rolling_resistance, drawbar_pull, torque
-        None if the conditions have no slip. rolling_resistance is that of a wheel that carries its load by
-        pressure and shear, effects included: drawbar_pull is thrust minus it (in the published forms of
-        thrust it is true_resistance).
+        N, torque in N m; None if the conditions have no slip, 0 in rows that do not roll. rolling_resistance
+        is that of a wheel that carries its load by pressure and shear, effects included, and drawbar_pull is
+        thrust less rolling_resistance. With the thrust forms `integrated` and `exponential` it is
+        true_resistance.
     immobilised
-        Whether the wheel is sunk to its axle: its numbers are a continuation for fits, not predictions.
+        Whether the wheel is sunk to its axle; its numbers are then a continuation for fits, not predictions.
     """
 
     sinkage: Array
@@ -270,7 +292,7 @@ class Prediction:
 
 
 def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
-    """Each soil parameter, one value per row (or one for all where there is one soil)."""
+    """The numbers `SOIL_NUMBERS` of each row's soil, by name, shape (rows,) each."""
     if len(model.soils) == 1:
         rows: NDArray[np.intp] = np.zeros(len(conditions), dtype=np.intp)
     else:
@@ -291,7 +313,10 @@ def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
 def _static_sinkage(
     model: Model, stages: Stages, wheel: LoadedRows
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Sinkage that carries the load, by each row's contact, before any digging; where it is to the axle."""
+    """Sinkage (m) at which the soil carries the load, before any digging, and rows sunk to the axle.
+
+    By each row's contact: of a plate, a pressed or a rolling wheel; both of shape (rows,).
+    """
     conditions, plate = stages.conditions, stages.conditions.plate
     load, diameter, modulus, n = wheel
     # A pressed wheel meets the soil on both sides of its lowest point: each side carries half.
@@ -321,7 +346,7 @@ def _static_sinkage(
 def _layered_sinkage(
     stages: Stages, wheel: LoadedRows, width: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """The same where pressure is no power of depth."""
+    """As `_static_sinkage`, where effects make pressure other than a power of depth."""
     load, diameter, modulus, n = wheel
     factor, plate = stages.pressure_factor, stages.conditions.plate
 
@@ -336,7 +361,10 @@ def _layered_sinkage(
 
 
 def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Conditions) -> None:
-    """Refuse rows that an effect cannot be worked out for."""
+    """Check that the effects can be computed on these rows.
+
+    Raises ModelError where one lacks a column, has a blank in a rolling row, or objects to the rows.
+    """
     lacking = [(e.id, name) for e in model.effects for name in e.needs if name not in conditions]
     for id, name in lacking:
         there = ", ".join(("load", "diameter", "width", *conditions.covariates))
@@ -361,23 +389,31 @@ def predict(
     with_forces: bool = True,
     soil: Mapping[str, Array] | None = None,
 ) -> Prediction:
-    """Predict sinkage, resistance and drawbar pull of each row.
+    """Predict sinkage and resistance of each row, and with slip thrust, drawbar pull and torque.
 
     Parameters
     ----------
     model
-        Law, strength and effects.
+        Soils, geometry, effects and law of thrust.
     conditions
         Settings, SI units, shape (rows,) each; the load is what the load cell shows.
     with_forces
-        Whether to compute thrust, pull and torque, which take a third of the time.
+        Whether to compute thrust, pull and torque, which take a third of the time; only where there is slip.
     soil
-        `SOIL_NUMBERS` of each row, shape (rows,), in place of the model's.
+        The numbers `SOIL_NUMBERS` by name, shape (rows,) each, in place of those of the model's soils.
+
+    Returns
+    -------
+    Prediction
+        Arrays of shape (rows,).
 
     Raises
     ------
     ModelError
-        Where an effect's covariate is missing, or a row's soil is not the model's.
+        Where an effect's covariate or a rolling row's slip is missing, an effect objects to the rows, or a
+        row's soil is not the model's.
+    EffectError
+        Where an effect fails, or makes a load or a diameter that is not above 0.
     """
     effects = model.acting(conditions)
     _check_covariates(model, effects, conditions)
@@ -441,12 +477,12 @@ def _slip(stages: Stages) -> Array:
 
 
 def _optional(conditions: Conditions, name: str) -> Array:
-    """A covariate, 0 where it is blank or there is none."""
+    """A covariate, shape (rows,); 0 in rows where it is blank, and everywhere if there is no such column."""
     return np.nan_to_num(conditions[name]) if name in conditions else np.zeros(len(conditions))
 
 
 def _wong_reece(soil: Mapping[str, Array], slip: Array, pressure: Array) -> dict[str, Any]:
-    """What `wheel_forces` needs of shear and pressure in the law of Wong and Reece (1967)."""
+    """Keyword arguments of `wheel_forces` for the law of Wong and Reece (1967); pressure: Pa, (rows,)."""
     shear = ShearLaw(soil["cohesion"], soil["friction_angle"], soil["shear_displacement"])
     peak = _PEAK + _PEAK_BY_SLIP * np.maximum(slip, 0.0)
     return {"shear": shear, "peak": peak, "pressure": pressure}
@@ -455,7 +491,10 @@ def _wong_reece(soil: Mapping[str, Array], slip: Array, pressure: Array) -> dict
 def _with_shear(
     stages: Stages, soil: Mapping[str, Array], wheel: LoadedRows
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Sinkage of rolling wheels that pressure and shear carry together (Wong and Reece 1967)."""
+    """Sinkage (m) at which pressure and shear carry the load together, and rows sunk to the axle.
+
+    After Wong and Reece (1967); for rolling wheels, both of shape (rows,).
+    """
     load, diameter, modulus, n = wheel
     slip, width = _slip(stages), np.nan_to_num(stages.conditions.width, nan=1.0)
 
@@ -469,7 +508,11 @@ def _with_shear(
 def _forces(
     model: Model, stages: Stages, soil: Mapping[str, Array], state: WheelState, compaction: Array
 ) -> WheelForces:
-    """Thrust, the resistance that goes with it, and torque; a body pressed straight down has none."""
+    """Thrust and the resistance to subtract from it for the pull (N), and torque (N m), shape (rows,).
+
+    0 in rows that do not roll. compaction: N, which is that resistance in all forms of thrust but those from
+    stresses along the contact.
+    """
     slip, conditions = _slip(stages), stages.conditions
     at = (state.load, state.sinkage, state.diameter, np.nan_to_num(state.width, nan=1.0), slip)
     if model.thrust_form == "stress_integral":

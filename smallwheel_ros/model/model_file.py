@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 VERSION = 1
 _MODEL = ("geometry", "thrust_form", "soils", "effects", "covariance", "measured", "provenance")
 _TOP = ("smallwheel_model", *_MODEL, "rivals")
-# What a covariance names of a soil: the numbers of `fitting.parameters.soil_numbers`.
+# Names of a soil's parameters in a covariance, as in `fitting.parameters.soil_numbers`.
 SOIL_PARAMETERS = (
     "log_reference_pressure", "n", "m", "cohesion", "friction_angle", "log_shear_displacement",
     "rolling_share", "rim_friction", "pressure_peak",
@@ -65,7 +65,7 @@ def write_model(path: str | Path, model: Model) -> None:
     path
         File to write; an existing one is replaced.
     model
-        The model, with its covariance if it has one.
+        The model; its uncertainty, rivals and provenance are written if it has them.
 
     Raises
     ------
@@ -76,17 +76,24 @@ def write_model(path: str | Path, model: Model) -> None:
 
 
 def writers(model: Model) -> dict[str, Writer]:
-    """Functions that write a model as a file, by suffix, for `Model.save`."""
+    """Functions that take a path and write the model there, by the file's suffix, for `Model.save`."""
     return dict.fromkeys((".yaml", ".yml"), lambda path: write_model(path, model))
 
 
 def text(model: Model) -> str:
-    """The content of a model file, for people."""
+    """The content of a model file: YAML under a comment that explains it."""
     return _HEAD + write_yaml(document(model))
 
 
 def rows(model: Model) -> list[dict[str, Any]]:
-    """Parameters of soils and effects, and derived numbers, with standard deviations where known."""
+    """List the numbers of a model's soils and parameters of its effects, for a table.
+
+    Returns
+    -------
+    list of dict
+        `of` (soil or effect), `parameter`, `value`, `std` (None if unknown) and `unit`, values and deviations
+        in that unit. Soils have k and the shear deformation modulus themselves, not their ln.
+    """
     calibrated, units = as_calibrated(model), dict(zip(SOIL_NUMBERS, _SOIL_UNITS, strict=True))
     known = {name: calibrated.standard_deviation(name) for name in calibrated.names}
     for soil in model.soils:
@@ -111,7 +118,7 @@ def rows(model: Model) -> list[dict[str, Any]]:
 
 
 def document(model: Model) -> dict[str, Any]:
-    """The model as plain values."""
+    """The content of a model file as dicts, lists, numbers and texts."""
     calibrated = as_calibrated(model)
     plain = {"smallwheel_model": VERSION, **_plain(calibrated)}
     if calibrated.rivals:
@@ -122,7 +129,7 @@ def document(model: Model) -> dict[str, Any]:
 
 
 def _plain(model: CalibratedModel) -> dict[str, Any]:
-    """One model as plain values."""
+    """The part of a model file that rivals have, too: one model without its rivals."""
     plain: dict[str, Any] = {
         "geometry": model.geometry,
         "thrust_form": model.thrust_form,
@@ -145,7 +152,7 @@ def _plain(model: CalibratedModel) -> dict[str, Any]:
 
 
 def _constants(effect: Effect | type[Effect]) -> tuple[str, ...]:
-    """Fields of an effect that are not fitted: where a column is centred, and the like."""
+    """Names of an effect's fields that are not fitted, such as the reference value of a column."""
     return tuple(known.name for known in effect.constants())
 
 
@@ -163,12 +170,12 @@ def _effect_entry(effect: Effect, calibrated: CalibratedModel) -> dict[str, Any]
 
 
 def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Names that a covariance may have: each parameter of each soil and effect, as `SOIL.n` and `EFFECT.a`.
+    """Return the names that a covariance may have: `SOIL.n`, `EFFECT.a` and so on for each parameter.
 
     Parameters
     ----------
     soils, effects
-        Soils and effects of a model, in the model's order.
+        Soils and effects of a model; the names are in their order, those of soils first.
     """
     of_soils = (f"{soil.name}.{name}" for soil in soils for name in SOIL_PARAMETERS)
     of_effects = (f"{effect.id}.{p.name}" for effect in effects for p in effect.parameters())
@@ -176,7 +183,7 @@ def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[s
 
 
 class _Entry:
-    """A piece of a parsed document, and its key; every complaint names file and key."""
+    """A value of a parsed file, with the file and the key (such as `soils[0].k`), which every error names."""
 
     def __init__(self, file: Path, key: str, value: Any) -> None:
         self.file = file
@@ -184,22 +191,22 @@ class _Entry:
         self.value = value
 
     def get(self, name: str, default: Any = None) -> _Entry:
-        """What a mapping has under a name, the default where it does not have the name."""
+        """The entry of a mapping under a name; if there is no such name, one with the default as value."""
         key = f"{self.key}.{name}" if self.key else name
         return _Entry(self.file, key, self.value.get(name, default))
 
     def wrong(self, why: object) -> ModelFileError:
-        """The error that says what is wrong here."""
+        """An error to raise, which names file and key and states the reason."""
         where = f"{self.key}: " if self.key else ""
         return ModelFileError(f"{self.file}: {where}{why}")
 
     def unlike(self, expected: str, found: object = None) -> ModelFileError:
-        """The error where something else was expected. found: words; if not given, the value itself."""
+        """An error to raise where something else was expected. found: text to show in place of the value."""
         shown = "nothing" if self.value is None else repr(self.value if found is None else found)
         return self.wrong(f"found {shown[:80]}, expected {expected}")
 
     def mapping(self, *known: str) -> dict[str, Any]:
-        """A mapping with no key but these."""
+        """The value as a mapping. Raises ModelFileError if it is none, or has a key other than these."""
         if not isinstance(self.value, dict):
             raise self.unlike("a mapping of keys and values")
         for name in self.value:
@@ -230,7 +237,7 @@ class _Entry:
 
 
 def _check_once(entries: Sequence[_Entry], what: str, names: Sequence[str]) -> None:
-    """Refuse a name that is there twice."""
+    """Raise ModelFileError for a name that occurs twice. what: such as "soil"; names: of the entries."""
     for at, name in enumerate(names):
         if name in names[:at]:
             raise entries[at].wrong(f"{what} '{name}' is there twice")
@@ -283,7 +290,10 @@ def _effect(entry: _Entry, known: Registry) -> Effect:
 
 
 def _covariance(entry: _Entry, known: Sequence[str]) -> tuple[tuple[str, ...], Array]:
-    """Names of parameters, and their covariance, shape (names, names); both empty where there is none."""
+    """Read names of parameters, and their covariance, shape (names, names); both empty where there is none.
+
+    known: names that may occur. Raises ModelFileError for others, and for a matrix that is no covariance.
+    """
     if entry.value is None:
         return (), np.zeros((0, 0))
     entry.mapping("names", "matrix")
@@ -309,7 +319,7 @@ def _covariance(entry: _Entry, known: Sequence[str]) -> tuple[tuple[str, ...], A
 
 
 def _is_covariance(matrix: Array) -> bool:
-    """Whether a matrix is symmetric and positive semidefinite, but for rounding (1e-9)."""
+    """Whether a square matrix is symmetric and positive semidefinite to within rounding (1e-9)."""
     variances = np.diag(matrix)
     if (variances < 0).any():
         return False
@@ -333,7 +343,12 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     path
         The file, YAML.
     effects
-        Effects that it may name; those of the package and of installed ones if not given.
+        Effects that it may name; those of the package and of installed packages if not given.
+
+    Returns
+    -------
+    CalibratedModel
+        With the rivals of the file; without uncertainty (no `names`) where the file has no covariance.
 
     Raises
     ------
@@ -369,7 +384,7 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
 
 
 def _model(top: _Entry, registry: Registry) -> CalibratedModel:
-    """One model of a file, with what it says of its uncertainty."""
+    """Read one model of a file, or one of its rivals, with its uncertainty; without rivals."""
     file = top.file
     entries = top.get("soils").listing()
     if not entries:
@@ -390,7 +405,7 @@ def _model(top: _Entry, registry: Registry) -> CalibratedModel:
 
 
 def _measured(entry: _Entry) -> Measured:
-    """What was measured; nothing where the file does not say, as of one written before 0.4."""
+    """Read the section `measured`; empty where the file has none, as files written before 0.4."""
     if entry.value is None:
         return Measured()
     entry.mapping(*(one.name for one in fields(Measured)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions for wheels, and for small changes of law and load: slopes by differences.
+"""Predictions at small changes of the soil's law and of the load, and slopes from their differences.
 
 Used with effects, whose slopes have no formula; without effects `physics.contact` computes slopes directly.
 """
@@ -22,7 +22,7 @@ from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, S
 Array = NDArray[np.float64]
 Shear = tuple[()] | tuple[float, float, float]
 
-STEP = 1e-4  # of the law, ln load and ln sinkage in central differences: error 1e-8
+STEP = 1e-4  # of ln K, n, m, ln load and ln sinkage in central differences: error 1e-8
 _LOG_DEPTH = math.log(REFERENCE_SINKAGE)
 
 
@@ -33,27 +33,35 @@ def neighbours(
     shear: Shear = (),
     geometry: Geometry = "contact_integral",
 ) -> Prediction:
-    """Predict wheels in soils, and again with small changes of law and load, from which `slopes` follow.
+    """Predict wheels on their soils, and again with small changes of law and load, for use by `slopes`.
 
     Parameters
     ----------
     laws
-        ln K (Pa/m^n) at `REFERENCE_DIAMETER`, n and m of each row, shape (rows, 3).
+        ln K (Pa/m^n) at a diameter of `REFERENCE_DIAMETER`, n and m of each row's soil, shape (rows, 3).
     conditions
         Settings of the wheels, SI units, shape (rows,) each.
     effects
         Effects of the model.
     shear
-        Cohesion (Pa), friction angle (rad), shear displacement (m) of each row, for the effects; empty:
-        none.
+        Cohesion (Pa), friction angle (rad) and shear displacement (m) of all rows, for effects that use them;
+        if empty, the defaults of `Soil`.
     geometry
         Rule of contact.
 
     Returns
     -------
     Prediction
-        Nine blocks of (rows,), one after the other: without any change, then with each of the law's
-        three parameters and ln load a step lower, then a step higher.
+        Without forces. Its arrays are nine blocks of (rows,), one after the other: without any change, then
+        with each of ln K, n, m and ln load lower by `STEP`, then with each higher by `STEP`. With n, ln K
+        changes so that the pressure at the reference sinkage stays the same.
+
+    Raises
+    ------
+    SoilError
+        If a changed k, n or m is outside the domain of a soil.
+    ModelError, EffectError
+        As by `model.predict`.
     """
     steps = STEP * np.eye(4)
     steps[1, 0] = -STEP * _LOG_DEPTH  # n turns about the reference sinkage
@@ -61,7 +69,7 @@ def neighbours(
     rows = np.concatenate([at, *(at - step for step in steps), *(at + step for step in steps)])
     log_modulus, n, m, log_load = rows.T
     law = {"k": np.exp(log_modulus - m * math.log(REFERENCE_DIAMETER)), "n": n, "m": m}
-    for bound in (np.min, np.max):  # which refuse numbers that are of no soil
+    for bound in (np.min, np.max):  # Soil refuses numbers outside its domain
         numbers = [float(bound(column)) for column in law.values()]
         own = Soil("estimated", numbers[0], numbers[1], numbers[2], *shear)
     soil = {name: np.full(len(rows), getattr(own, name)) for name in SOIL_NUMBERS} | law
@@ -71,7 +79,10 @@ def neighbours(
 
 
 def slopes(column: Array) -> Array:
-    """Slopes of a column of `neighbours` by the law's three parameters and by ln load, shape (4, rows)."""
+    """Derivatives of a quantity by ln K, n, m and ln load (each with the others held), shape (4, rows).
+
+    column: the quantity as `neighbours` predicts it, or a function of it, shape (9 * rows,).
+    """
     around = column.reshape(9, -1)
     found: Array = (around[5:] - around[1:5]) / (2.0 * STEP)
     found[1] += _LOG_DEPTH * found[0]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shown sinkage of rolling wheels in soils near a given one, from one solution of the contact integral.
+"""Sinkage shown by the instrument for rolling wheels in soils near a given one, from one contact solution.
 
-Effects on load, modulus and exponent move ln z along the slopes; sinkage that effects dig is added
-unchanged.
+Changes of load, modulus and exponent change ln z to first order, by the slopes of that solution; effects
+that change the sinkage itself are then applied in full.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ Array = NDArray[np.float64]
 
 
 class NearbySinkage:
-    """Sinkage of rolling wheels near one soil, with some effects.
+    """Sinkage of rolling wheels in soils near a given one, approximated without a new solution.
 
     Parameters
     ----------
     soil
-        The soil at which the contact integral is solved.
+        The soil for which the contact is solved, once.
     effects
-        Effects of the model.
+        Effects of the model, in the order in which they act.
     conditions
         Settings of rolling wheels, SI units, shape (rows,) each.
     geometry
@@ -63,14 +63,22 @@ class NearbySinkage:
             self._log_z = np.log(self._solved.sinkage)
 
     def log_sinkage(self, soil: Soil, *added: Effect) -> Array:
-        """ln of what the instrument would show (m), shape (rows,); NaN where there is no sinkage.
+        """ln of the sinkage (m) that the instrument would show, shape (rows,); NaN where that is not above 0.
+
+        To first order in the difference between the soils. The contact is solved anew where an effect of the
+        model acts at `pressure_factor`, or an added one at `wheel_diameter` or `corrected_load`.
 
         Parameters
         ----------
         soil
             A soil near the given one.
         added
-            Further effects of small strength.
+            Further effects of small strength, which act after the model's.
+
+        Raises
+        ------
+        ModelError, EffectError
+            As by `model.predict`.
         """
         turned = any(
             "wheel_diameter" in effect.acts or "corrected_load" in effect.acts for effect in added
@@ -98,7 +106,7 @@ class NearbySinkage:
 
     @cached_property
     def _loads_by_depth(self) -> tuple[Array, Array]:
-        """What bears the wheels at which depth: all layered effects follow from it."""
+        """Depths (m) below the wheels, and the load (N) carried at each; both of shape (nodes, rows)."""
         assert self._solved is not None
         _, diameter, modulus, exponent = self._at
         width = self._conditions.width

@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class LoadedRows(NamedTuple):
-    """Load (N), diameter (m), modulus K (Pa/m^n) and n for which the contact is solved, each (rows,)."""
+    """Load (N), diameter (m), K (Pa/m^n) and n for which the contact is solved, shape (rows,) each."""
 
     load: Array
     diameter: Array
@@ -32,8 +32,9 @@ class LoadedRows(NamedTuple):
 class Stages:
     """Calls effects stage by stage.
 
-    A pressed or plate row may leave a covariate blank (NaN): an effect that reads it then does nothing
-    in that row. An error names the effect that failed.
+    A stage is a method of `Effect`; `effects.base.STAGES` lists them. A row of a pressed wheel or a plate may
+    leave a covariate blank (NaN): an effect that reads it then does nothing in that row. An error names the
+    effect that failed.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ class Stages:
         self.conditions = conditions
         self.rolling = conditions.rolling
         self.all_rolling = bool(self.rolling.all())
-        # Whether pressure is no power of depth any more.
+        # Whether some effect makes pressure other than a power of depth.
         self.layered = bool(self.acting_at("pressure_factor"))
         if self.acting_at("corrected_load"):
             load = self.change("corrected_load", conditions.load)
@@ -60,21 +61,28 @@ class Stages:
         return [effect for effect in self.effects if stage in effect.acts]
 
     def call(self, effect: Effect, stage: str, neutral: Any, *arguments: Any) -> Any:
-        """Call one effect at a stage, and check its result.
+        """Call one effect's method of a stage, and check its result.
 
         Parameters
         ----------
         effect, stage
             The effect, and the name of its method.
         neutral
-            Value for bodies that do not roll and lack the covariate.
+            Result where a body that does not roll lacks the covariate (where the method returns NaN): a
+            number, or an array of the result's shape.
         arguments
             The method's arguments before the conditions.
+
+        Returns
+        -------
+        number or array
+            What the method returns, SI units: one number for all rows, or an array of the first argument's
+            shape; without such an argument, or if it is no array, of shape (rows,).
 
         Raises
         ------
         EffectError
-            If it fails, or does not return numbers of the shape of its first argument.
+            If the method fails, or returns anything else.
         """
         value = guarded(effect, stage, getattr(effect, stage), *arguments, self.conditions)
         first = arguments[0] if arguments else None
@@ -93,17 +101,18 @@ class Stages:
         return np.where(~self.rolling & np.isnan(value), neutral, value)
 
     def loaded(self, k: ArrayLike, n: ArrayLike, m: ArrayLike) -> LoadedRows:
-        """Load, wheel and soil after the effects that act before the contact is solved.
+        """Apply the effects that act before the contact is solved to load, wheel and soil.
 
         Parameters
         ----------
         k, n, m
-            The law's numbers; k in Pa/m^(n+m), one for all rows or of shape (rows,).
+            The soil's modulus k (Pa/m^(n+m)) and the exponents of p = k z^n D^m, each one number for all rows
+            or of shape (rows,).
 
         Raises
         ------
         EffectError
-            If the effects result in an impossible load or diameter.
+            If the effects make a load or a diameter that is not above 0.
         """
         load = _positive("load", self.change("normal_load", self.conditions.load))
         diameter = _positive("diameter", self.change("wheel_diameter", self.conditions.diameter))
@@ -112,7 +121,10 @@ class Stages:
         return LoadedRows(load, diameter, *self._soil(modulus, exponent))
 
     def on_soil(self, before: LoadedRows) -> LoadedRows:
-        """Load that reaches the soil, and the soil, with the effects on them applied."""
+        """Apply the effects on load, modulus and exponent to rows that other effects have changed already.
+
+        The diameter stays. Raises EffectError where a load is not above 0.
+        """
         load = _positive("load", self.change("normal_load", before.load))
         return LoadedRows(load, before.diameter, *self._soil(before.modulus, before.exponent))
 
@@ -120,31 +132,41 @@ class Stages:
         return modulus * self.product("modulus_factor"), exponent + self.total("exponent_shift")
 
     def pressure_factor(self, depth: Array) -> Array:
-        """Product of the effects' factors at depths of shape (nodes,) + rows, or rows."""
+        """Product of the effects' factors on pressure. depth: m, (nodes, rows) or (rows,); the same shape."""
         return np.asarray(np.ones_like(depth) * self.product("pressure_factor", depth))
 
     def product(self, stage: str, *arguments: Any) -> Any:
-        """Product of the effects' factors at a stage; 1 if none acts.
+        """Product of the effects' factors at a stage, a number or of shape (rows,); 1 if none acts.
 
         Parameters
         ----------
         stage
             Name of the method, such as `modulus_factor`.
         arguments
-            The method's arguments before the conditions.
+            The method's arguments before the conditions; if the first is an array, the product has its shape.
+
+        Raises
+        ------
+        EffectError
+            As by `call`.
         """
         calls = (self.call(e, stage, 1.0, *arguments) for e in self.acting_at(stage))
         return math.prod(calls, start=1.0)
 
     def total(self, stage: str, *arguments: Any) -> Any:
-        """Sum of the effects' terms at a stage; 0 if none acts.
+        """Sum of the effects' terms at a stage, in its unit, a number or of shape (rows,); 0 if none acts.
 
         Parameters
         ----------
         stage
-            Name of the method, such as `added_resistance`.
+            Name of the method, such as `added_resistance` (N).
         arguments
             The method's arguments before the conditions.
+
+        Raises
+        ------
+        EffectError
+            As by `call`.
         """
         return sum((self.call(e, stage, 0.0, *arguments) for e in self.acting_at(stage)), 0.0)
 
@@ -159,6 +181,16 @@ class Stages:
             Name of the method, such as `sinkage`.
         value
             Value to change, SI units, shape (rows,).
+
+        Returns
+        -------
+        ndarray
+            The changed value, of the same unit and shape; `value` itself if no effect acts.
+
+        Raises
+        ------
+        EffectError
+            As by `call`.
         """
         everywhere = self.all_rolling or stage not in ROLLING_STAGES
         for effect in self.acting_at(stage):
@@ -180,20 +212,20 @@ def _positive(name: str, column: Array) -> Array:
 def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:
     """Call an effect's method, and name the effect in any error that it raises.
 
-    The prediction later refuses a result that is not a number, and names row and setting: numpy's own
-    warning would be a second message, and is suppressed.
+    numpy's warnings are suppressed: the prediction later refuses a result that is not a number, and names row
+    and setting.
 
     Parameters
     ----------
     effect, stage
-        The effect and the stage, which an error names.
+        The effect and the name of the stage, for the message.
     function, arguments
-        The method, and its arguments.
+        The method, and its arguments; its result is returned unchanged.
 
     Raises
     ------
     EffectError
-        For whatever the method raises.
+        For whatever the method raises, but for a SmallwheelError, which is passed on unchanged.
     """
     try:
         with np.errstate(all="ignore"):

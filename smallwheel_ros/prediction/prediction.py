@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# SI units of the settings; any other column is in SI whatever its unit.
+# SI units of the settings by name; a column that is not among them is in SI, too, whatever its unit.
 UNITS = {name: unit_of(name) for name in ("load", "diameter", "width", *SETTINGS)}
 _MOST = 200_000
 SUNK = "immobilised: sunk to the axle"
 
 
 class PredictionError(SmallwheelError):
-    """Settings that cannot be predicted."""
+    """Settings for which no prediction can be made."""
 
 
 # How each of `QUANTITIES` is shown: title, factor on SI units.
@@ -56,16 +56,23 @@ SHOWN = {
 
 @dataclass(frozen=True, repr=False)
 class PredictionTable(Result, shown="views.prediction"):
-    """Settings by name, and a model's predictions for each row; arrays of shape (rows,), SI.
+    """Settings, and a model's predictions for each row; arrays of shape (rows,), SI units.
 
     Attributes
     ----------
+    settings
+        Load, diameter, width and covariates of each row, by name.
+    varied
+        Names of the settings that are not the same in all rows.
+    result
+        Predictions with their standard deviations.
     notes
-        Sentences on what the predictions rest on but was not measured.
+        Sentences for people: what was not measured, extrapolation, and warnings about the table.
     names
-        Texts of a table's rows by name: run and soil.
+        `run` and `soil` of each row, where rows of a table were predicted that has them.
     measured
-        Measured values of a table's rows, by name: `measured_sinkage`, `measured_sinkage_std` and so on.
+        Values of such a table, by name: `measured_sinkage`, the standard deviation `measured_sinkage_std`
+        that it states, and so on; NaN where blank.
     """
 
     settings: Mapping[str, Array]
@@ -76,7 +83,7 @@ class PredictionTable(Result, shown="views.prediction"):
     measured: Mapping[str, Array] = field(default_factory=dict)
 
     def headline(self) -> str:
-        """The quantities of one setting, or how many settings there are."""
+        """For one row sinkage, resistance and pull; for several their number and the varied settings."""
         rows = self.rows()
         if len(rows) > 1:
             return f"{len(rows)} settings of {', '.join(self.varied)}"
@@ -89,7 +96,7 @@ class PredictionTable(Result, shown="views.prediction"):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The document that `smallwheel predict --json` writes; null where the wheel is sunk."""
+        """The document that `smallwheel predict --json` writes: `schema`, `rows` (see `rows`) and `notes`."""
         return {"schema": 1, "rows": self.rows(), "notes": list(self.notes)}
 
     def plot(self, ax: Axes | None = None, quantity: str = "sinkage") -> Axes:
@@ -100,12 +107,22 @@ class PredictionTable(Result, shown="views.prediction"):
         ax
             Axes of matplotlib to draw into; new ones without it.
         quantity
-            sinkage, resistance, drawbar_pull, torque, thrust or compaction_resistance.
+            sinkage, resistance, drawbar_pull, torque, thrust, rolling_resistance or compaction_resistance.
+
+        Returns
+        -------
+        Axes
+            The axes drawn into.
         """
         return self._drawn(ax, quantity)
 
     def rows(self) -> list[dict[str, Any]]:
-        """One mapping a row; None where the wheel is sunk, and where a table has a blank."""
+        """Return one mapping for each row, SI units.
+
+        Its keys: those of `names`, `settings` and `measured` (None where blank); each quantity that was
+        predicted, its standard deviations QUANTITY_std (of the law) and QUANTITY_run_std (of a row of a new
+        run) where known (None where the wheel is sunk to its axle); and `status`, `ok` or `SUNK`.
+        """
         prediction = self.result.prediction
         rows = []
         for i in range(prediction.sinkage.size):
@@ -130,14 +147,20 @@ class PredictionTable(Result, shown="views.prediction"):
 
 
 def cell(row: Mapping[str, Any], quantity: str) -> str:
-    """Format a quantity with four digits, whatever the size of the wheel.
+    """Format a predicted quantity for people: `9.563 +- 0.21 (0.54)`.
 
     Parameters
     ----------
     row
         A row of `PredictionTable.rows`, in SI units.
     quantity
-        Name of one of its columns, with a unit in `SHOWN`.
+        Name of a quantity of `SHOWN` that the row has.
+
+    Returns
+    -------
+    str
+        The value with four digits in the unit of `SHOWN`; where known, the standard deviation of the law and,
+        in brackets, that of a row of a new run; `-` where the wheel is sunk.
     """
     value, std, factor = row[quantity], row.get(f"{quantity}_std"), SHOWN[quantity][1]
     if value is None:
@@ -150,21 +173,21 @@ def cell(row: Mapping[str, Any], quantity: str) -> str:
 
 
 def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> CalibratedModel:
-    """Keep one soil of a model.
+    """Return a model with one of its soils, and without the parameters of the others; likewise its rivals.
 
     Parameters
     ----------
     calibrated
         The model, with one soil or several.
     name
-        Name of the soil to keep; None where the model has but one.
+        Name of the soil to keep; None for the only one.
     source
-        What an error names: the file, or "the model".
+        Name of the model's file, or "the model", for the error message.
 
     Raises
     ------
     PredictionError
-        Where the soil is not there or must be chosen.
+        Where the model has no such soil, and for None where it has several.
     """
     model = calibrated.model
     names = [soil.name for soil in model.soils]
@@ -184,7 +207,10 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
 
 
 def _refuse_absurd(name: str, values: Array) -> None:
-    """Refuse what a table of measurements refuses too: numbers that no wheel can have."""
+    """Raise PredictionError for values of a setting that a table of measurements may not have either.
+
+    values: SI, shape (rows,); a blank (NaN) is refused, too.
+    """
     spec = COLUMNS.get(name, OTHER)
     bad = np.flatnonzero(spec.bad(values) | np.isnan(values))
     if bad.size:
@@ -194,9 +220,11 @@ def _refuse_absurd(name: str, values: Array) -> None:
 def _refuse_no_number(
     model: Model, conditions: Conditions, columns: Mapping[str, Array], result: UncertainPrediction
 ) -> None:
-    """Refuse a prediction that is no number: name its row, the setting, and the effect that makes it.
+    """Raise PredictionError where a prediction or deviation is not finite; it names row, settings and effect.
 
-    A wheel that is sunk has a number too, though it is not shown: an infinite sinkage is no sunk wheel.
+    A wheel that is sunk to its axle is no exception: its numbers are finite, though they are not shown.
+
+    columns: settings by name, SI, shape (rows,), for the message.
     """
     bad = np.flatnonzero(_without_number(result.prediction, result.standard_deviation))
     if not bad.size:
@@ -218,7 +246,7 @@ def _refuse_no_number(
 def _without_number(
     prediction: Prediction, deviations: Mapping[str, Array] | None = None
 ) -> NDArray[np.bool_]:
-    """Rows of which some quantity is not finite, shape (rows,)."""
+    """Rows in which some quantity, or some deviation, is not finite, shape (rows,)."""
     shown = [v for q in QUANTITIES if (v := getattr(prediction, q)) is not None]
     finite = np.isfinite([*shown, *(deviations or {}).values()])
     return np.asarray(~finite.all(axis=0))
@@ -230,7 +258,7 @@ _UNEXPLAINED = (
 
 
 def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
-    """Which settings are beyond those measured, or off those that were varied together."""
+    """Sentences on rows outside the measured ranges or off the line of settings varied together."""
     found, beyond, outside = [], [], np.zeros(len(conditions), dtype=bool)
     for name, ends in measured.settings.items():
         rows = measured.beyond(name, conditions)
@@ -256,14 +284,22 @@ def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
 def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
-    """Predict with standard deviations, and return notes on what was not measured.
+    """Predict with standard deviations, and with notes on what the predictions rest on.
 
     Parameters
     ----------
     calibrated
-        The model; with rivals, the one that stands for them is predicted.
+        The model; with rivals, the prediction is that of their mean (`mixture.mixed`).
     conditions
-        Settings, SI units, one row for each prediction.
+        Settings, SI units, shape (rows,) each.
+
+    Returns
+    -------
+    result
+        Predictions and deviations, shape (rows,), SI units.
+    notes
+        Sentences for people, each once: on rivals, on data that confirms no law, on extrapolation and, with
+        slip, on strength that was not measured.
 
     Raises
     ------
@@ -298,11 +334,16 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
     settings
         load (N), diameter, width (m) and any covariate (SI) by name, each of shape (values,).
 
+    Returns
+    -------
+    PredictionTable
+        One row for each combination; the last setting changes fastest.
+
     Raises
     ------
     PredictionError, ConditionsError, ModelError
-        Where a value is missing or wrong, for more than 200,000 combinations, and where an effect of the
-        user's own gives no number.
+        Where a value is blank (NaN) or implausible, for more than 200,000 combinations, where an effect
+        cannot be used on the settings, and where a prediction is not a finite number.
     """
     count = int(np.prod([v.size for v in settings.values()]))
     if count > _MOST:
@@ -330,9 +371,10 @@ def predict_rows(calibrated: CalibratedModel, table: Measurements) -> Prediction
     Parameters
     ----------
     calibrated
-        The model; with several soils, each row says on which it is.
+        The model. With several soils, each row's `soil` names its own; a single one holds for all rows,
+        whatever their soil is called.
     table
-        Settings of each row, and what it has measured, if anything.
+        The rows; measured values, if it has any, are passed on to the result and not used.
 
     Raises
     ------

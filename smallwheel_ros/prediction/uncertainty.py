@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a prediction may be off: by the law, and for one row of one new run.
+"""Uncertainty of a prediction: of the law, and of one row measured in a new run.
+
+The variances are:
 
     law     J C J', J the slopes of the prediction by the fitted parameters and C their covariance, plus the
             error of the law itself: of pull and torque (`ForceLaw`), of the others from setting to setting
     run     in addition (tau dy / d ln k)^2, the soil of a new run, and scatter of its instruments and rows
             (`RunScatter`)
 
-For models that the data could not tell apart, the prediction m is that of the one model that stands
-for them (`mixture.mixed`), as in compare, node and replay; with their probabilities w its variance
-is sum w (s_i^2 + (m_i - m)^2).
+For models that the data could not tell apart, the prediction m is that of the model that combines
+them (`mixture.mixed`), as in compare, node and replay; with their probabilities w, predictions m_i and
+deviations s_i its variance is sum w_i (s_i^2 + (m_i - m)^2).
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from smallwheel_ros.physics.soil import Soil, SoilError, usual_strength
 
 Array = NDArray[np.float64]
 
-_STEP = 1e-4  # of a standard deviation: far from rounding, close enough to be a slope
+_STEP = 1e-4  # standard deviations of a parameter: well above rounding, small enough for a slope
 _BY_STRENGTH = ("thrust", "drawbar_pull", "torque")
 _STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
 QUANTITIES = (
@@ -56,14 +58,17 @@ QUANTITIES = (
 
 @dataclass(frozen=True)
 class UncertainPrediction:
-    """A prediction and its standard deviations by quantity; arrays of shape (rows,), SI units.
+    """A prediction and its standard deviations by quantity (`QUANTITIES`); arrays of shape (rows,), SI units.
 
     Attributes
     ----------
+    prediction
+        The predicted values.
     standard_deviation
-        Standard deviation of the law's prediction; empty if the model file has no covariance.
+        Standard deviation of the law's prediction, for quantities of which it is known: without a covariance
+        those of pull, thrust and torque at most.
     run_deviation
-        Standard deviation of a row measured in a new run; empty if the model has no scatter of runs and rows.
+        Standard deviation of a row measured in a new run, for channels whose scatter the model has.
     """
 
     prediction: Prediction
@@ -73,14 +78,24 @@ class UncertainPrediction:
 
 @dataclass(frozen=True)
 class _Sloped:
-    """A prediction with its slopes by the parameters of a covariance. slopes: by quantity, (names, rows)."""
+    """A prediction with its derivatives by the parameters of a covariance.
+
+    Attributes
+    ----------
+    prediction
+        The predicted values, shape (rows,).
+    calibrated
+        The model, with names and covariance of the parameters.
+    slopes
+        Derivatives of each quantity by the parameters, shape (names, rows), SI units; empty without names.
+    """
 
     prediction: Prediction
     calibrated: CalibratedModel
     slopes: Mapping[str, Array]
 
     def deviations(self, of: Callable[[str], bool] = lambda _: True) -> dict[str, Array]:
-        """Standard deviation of each quantity. of: only due to the parameters for which this is true."""
+        """Standard deviation of each quantity, (rows,), due to the parameters whose name `of` accepts."""
         kept = [i for i, name in enumerate(self.calibrated.names) if of(name)]
         # The square root of the covariance turns the propagation into a sum of squares over directions.
         values, vectors = np.linalg.eigh(self.calibrated.covariance[np.ix_(kept, kept)])
@@ -88,7 +103,7 @@ class _Sloped:
         return {q: np.sqrt(np.sum((root.T @ s[kept]) ** 2, axis=0)) for q, s in self.slopes.items()}
 
     def by_stiffness(self, quantity: str) -> Array:
-        """Change of a quantity with ln k, shape (rows,)."""
+        """Derivative of a quantity by ln k (of all soils together), shape (rows,)."""
         names = self.calibrated.names
         mine = [i for i, name in enumerate(names) if name.endswith(".log_reference_pressure")]
         return np.asarray(self.slopes[quantity][mine].sum(axis=0))
@@ -97,31 +112,54 @@ class _Sloped:
 def predict_with_uncertainty(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> UncertainPrediction:
-    """Predict, with the standard deviations that follow from those of the parameters, to first order.
+    """Predict with the standard deviations due to the fitted parameters alone, to first order.
+
+    Errors of the law, scatter of runs and rivals are left out; `predict_of` includes them.
 
     Parameters
     ----------
     calibrated
-        The model; the covariance is that of its parameters `names`.
+        The model, with names and covariance of its parameters.
     conditions
         Settings, SI units, shape (rows,) each.
+
+    Returns
+    -------
+    UncertainPrediction
+        Without `run_deviation`; without a covariance `standard_deviation` is empty, too.
+
+    Raises
+    ------
+    ModelError
+        Where the covariance names a parameter that the model lacks, and as by `model.predict`.
     """
     found = _sloped(calibrated, conditions)
     return UncertainPrediction(found.prediction, found.deviations())
 
 
 def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> UncertainPrediction:
-    """Predict with both standard deviations, of the law and of a new run; rivals are combined into one model.
+    """Predict with both standard deviations, of the law and of a row of a new run; rivals are combined.
 
-    Numbers of the strength that the model's covariance lacks get the deviations of usual soils
-    (`with_usual_strength`).
+    Where there is slip, parameters of the strength that the model's covariance lacks get the deviations of
+    usual soils (`with_usual_strength`).
 
     Parameters
     ----------
     calibrated
-        The model, or several that the data could not tell apart.
+        The model, with its rivals if it has some.
     conditions
         Settings, SI units, shape (rows,) each.
+
+    Returns
+    -------
+    UncertainPrediction
+        Arrays of shape (rows,); with rivals, the prediction of `mixture.mixed`, and deviations that include
+        what the rivals differ by.
+
+    Raises
+    ------
+    ModelError
+        Where the covariance names a parameter that the model lacks, and as by `model.predict`.
     """
     if calibrated.rivals:
         parts = [(share, predict_of(rival, conditions)) for share, rival in calibrated.rivals]
@@ -134,13 +172,13 @@ def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> Uncertain
         laws = _with_law_error(found, conditions, calibrated.measured)
         if (
             not calibrated.names
-        ):  # of the sinkage's law nothing is known: forces of the balance alone
+        ):  # nothing is known of the law of sinkage: only thrust, pull and torque have a deviation
             laws = {name: laws[name] for name in _BY_STRENGTH}
     return _of_runs(found, laws, conditions, calibrated.measured)
 
 
 def _sloped(calibrated: CalibratedModel, conditions: Conditions) -> _Sloped:
-    """A prediction and its slopes by differences, one-sided at the edge of a parameter's domain."""
+    """Predict, with slopes from central differences; one-sided ones at the edge of a parameter's domain."""
     prediction = predict(calibrated.model, conditions)
     if not calibrated.names:
         return _Sloped(prediction, calibrated, {})
@@ -174,14 +212,16 @@ def with_parameter(model: Model, name: str, change: float) -> Model:
     model
         The model, which is not changed.
     name
-        Name of the parameter as in a model file: `SOIL.n`, `EFFECT.a`.
+        Name of the parameter as in a covariance: `SOIL.n`, `EFFECT.a`.
     change
-        Change of the parameter, in the unit of its standard deviation.
+        Difference to the parameter's value, in its SI unit; of ln where the name begins with `log_`.
 
     Raises
     ------
     ModelError
         Where the model has no such parameter.
+    SoilError, EffectError
+        Where the changed number is outside its domain.
     """
     owner, _, parameter = name.rpartition(".")
     for i, soil in enumerate(model.soils):
@@ -200,11 +240,16 @@ def with_parameter(model: Model, name: str, change: float) -> Model:
 
 
 def _with_law_error(found: _Sloped, conditions: Conditions, measured: Measured) -> dict[str, Array]:
-    """The deviations with what the law of pull and torque is itself off by.
+    """The law's standard deviations by quantity, with the error of the law of pull and torque included.
 
-    Of a wheel that was measured, at slips that were, the fit knows what it is off by, strength included
-    (`ForceLaw.known`). Elsewhere strength and law are off, the law by what this table says or, where pull or
-    torque was not measured, by what other rigs say.
+    For a wheel and slips that were measured, the fit states that error, that of the strength included
+    (`ForceLaw.known`). Elsewhere the errors of the strength and of the law both count, the latter as this
+    table shows it or, where pull or torque was not measured, as other rigs do.
+
+    Returns
+    -------
+    dict of ndarray
+        Shape (rows,), SI units.
     """
     laws, usual = found.deviations(), np.hypot(FORCE_LAW, wheel_discrepancy(conditions))
     here, heavier = measured.has_wheel(conditions), measured.beyond("load", conditions)
@@ -215,7 +260,7 @@ def _with_law_error(found: _Sloped, conditions: Conditions, measured: Measured) 
         size = of_load(conditions, name)
         laws[name] = np.hypot(laws[name], size * (usual if law is None else law.elsewhere))
         if law is not None and name != "thrust":
-            # Strength was fitted at the sinkage as it is predicted: at these loads that error is in it.
+            # Strength was fitted at the predicted sinkage: at the measured loads `known` includes its error.
             known = np.hypot(np.where(heavier, of_soil[name], 0.0), law.known * size)
             laws[name] = np.where(here, np.minimum(known, laws[name]), laws[name])
     return laws
@@ -224,10 +269,22 @@ def _with_law_error(found: _Sloped, conditions: Conditions, measured: Measured) 
 def _of_runs(
     found: _Sloped, laws: Mapping[str, Array], conditions: Conditions, measured: Measured
 ) -> UncertainPrediction:
-    """With what the law is off by from setting to setting, and the deviation of a row of a new run.
+    """Add the error of the law from setting to setting to `laws`, and the deviation of a row of a new run.
 
-    Its soil, its instruments and its rows scatter. Where no law describes the data, what runs differ by may
-    be an error of the law, and counts as one.
+    The new run's soil, instruments and rows scatter. Where the data confirms no law, the differences between
+    runs may be errors of the law, and count as such.
+
+    Parameters
+    ----------
+    found
+        The prediction.
+    laws
+        Standard deviations of the law by quantity, SI units, shape (rows,); channels that are not in it get
+        neither deviation.
+    conditions
+        Settings, SI units, shape (rows,) each.
+    measured
+        Scatter of the measurements.
     """
     laws, runs = dict(laws), {}
     for name, scatter in measured.runs.items():
@@ -246,7 +303,10 @@ def _of_runs(
 def _about(
     middle: Prediction, parts: Sequence[tuple[float, UncertainPrediction]]
 ) -> UncertainPrediction:
-    """One prediction for models with their probabilities: their deviations, and what they are off it."""
+    """Standard deviations of one prediction that stands for several, from theirs and their distances to it.
+
+    parts: probability and prediction of each. Quantities whose deviation one of them lacks have none.
+    """
 
     def off(deviations: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
         known = set.intersection(*(set(one) for one in deviations))
@@ -267,7 +327,7 @@ def _about(
 
 # --- Strength that was not measured
 
-# Of the parameters of a wheel on a soil, in words.
+# Parameters of a wheel on a soil, in words.
 _WHEEL_WORDS = {
     "rolling_share": "share of rolling in the shear",
     "rim_friction": "bare rim's friction over the soil's",
@@ -276,9 +336,10 @@ _WHEEL_WORDS = {
 
 
 def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> dict[str, tuple[float, str]]:
-    """What pull and torque rest on that the model's covariance does not have.
+    """The parameters of a soil's strength that the model's covariance lacks, with usual deviations.
 
-    By parameter, named as in a covariance: its deviation there, and words with value and deviation.
+    names: those of the covariance. Returns by parameter, named as in a covariance but without the soil: its
+    standard deviation there (SI; of ln for `log_`), and words with value and deviation.
     """
     usual = usual_strength(soil)
     c, phi, kappa = usual.cohesion, usual.friction_angle, usual.shear_displacement
@@ -304,11 +365,18 @@ def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> dict[str, tuple[flo
 
 
 def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, tuple[str, ...]]:
-    """The model with deviations of its strength, and a note on which of these were not measured.
+    """Complete a model's covariance with usual deviations of the strength that was not measured.
 
     A fit without pull and torque leaves the strength unchanged, and pull would look as if it were known
-    exactly. What the covariance lacks is filled with the deviations among soils of one kind
-    (`usual_strength`), as in the estimator, and among rigs (`WHEEL_PARAMETERS`).
+    exactly. What the covariance lacks is filled, without correlations, with the deviations among soils of one
+    kind (`usual_strength`), as in the estimator, and among rigs (`WHEEL_PARAMETERS`).
+
+    Returns
+    -------
+    model
+        With the completed names and covariance.
+    notes
+        One sentence for each soil of which something was not measured.
     """
     names, covariance, notes = calibrated.names, calibrated.covariance, []
     for soil in calibrated.model.soils:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The truth simulator: data whose answer is known, made without the library's model.
+"""The truth simulator: data whose true values are known, made without the library's model.
 
 `simulate_drive` makes a rover's drive and `write_drive_bag` its bag; `simulate_rig` makes a table
 of single-wheel measurements and `measure` adds runs to it. No code of the physics is shared with the
-rest of the package; `truth` names the assumptions that are.
+rest of the package; `truth` lists the assumptions that are.
 """
 
 from __future__ import annotations

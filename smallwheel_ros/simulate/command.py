@@ -18,7 +18,7 @@ from smallwheel_ros.simulate.options import Command, settings_options
 from smallwheel_ros.simulate.rig import check_suffix, simulate_rig, write_table
 from smallwheel_ros.simulate.settings import DriveSettings, RigSettings
 
-_FIRST = ("hidden", "seed", "strength")  # options that drive and rig have alike
+_FIRST = ("hidden", "seed", "strength")  # options of both drive and rig
 _ANSWER = click.option(
     "--answer",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -32,7 +32,7 @@ def _output(metavar: str, text: str) -> Callable[[Command], Command]:
 
 
 def _answer_of(output: Path, answer: Path | None, json_file: str | None) -> Path:
-    """The place of the answer; everything that will be written is checked, before the work."""
+    """Path of the file for the truth. Checks that it and the other files can be written, before the work."""
     answer = output.with_name(f"{output.name}.answer.json") if answer is None else answer
     check_targets([output, answer, json_file])
     return answer

@@ -2,11 +2,11 @@
 """Simulated drives of a small rover: what its sensors record, and separately the true values.
 
 Ground and vehicle are those of the worlds (`world_ground`, `vehicle`), with several soils in a row. Hidden
-effects act twice. Depth and resistance of a wheel without slip slow the vehicle down. The
-instrument's reading comes from each wheel's load, slip and speed by the stress at the points of its
-contact (`truth`). Digging in deepens the rut but does not slow the rover: with the resistance of
-the greater depth as well, a rover that begins to slip in loose sand would be stuck for good in many
-drives, with nothing left to record.
+effects act in two places. They change depth and resistance of a wheel without slip, which slow the vehicle
+down; and they change the reading of sinkage, which follows from each wheel's load, slip and speed by the
+stress at the points of its contact (`truth`). Sinkage due to slip deepens the rut but does not slow the
+rover: with the resistance of the greater depth as well, a rover that begins to slip in loose sand would
+be stuck for good in many drives, with nothing left to record.
 """
 
 from __future__ import annotations
@@ -47,28 +47,39 @@ from smallwheel_ros.simulate.world_ground import (
     texture,
 )
 
-# m over which a slope steepens; every soil here holds less than what it ends in
+# m over which a slope steepens; no soil here gives enough thrust for the slope at its end
 _TO_BE_STUCK = 12.0
 _BLOCK = 4000  # wheels on soil at once, so that memory stays small on long drives
-_FINISH = 15.0  # m of ground on which a rover gets stuck
-_SLOWEST = 0.01  # m/s: a standing wheel keeps the state of a slow one
-_SPARE = 1.15  # of the rims' speed, since wheels on these soils slip by 0.13
+_FINISH = 15.0  # m of ground after the distance, on which a rover gets stuck
+_SLOWEST = 0.01  # m/s: a standing wheel is treated as one of this speed
+_SPARE = 1.15  # speed of the rims over that of the rover, since wheels on these soils slip by 0.13
 _ATTEMPTS = 20
-_GAP = 1.5  # s in which the sinkage of the second wheel is missing, where anything is
+_GAP = 1.5  # s for which the sinkage of the second wheel is missing, with dropouts
 
 
 @dataclass(frozen=True)
 class Drive:
-    """One drive: rows of its sensors by stream (`sensors`), and the true values.
+    """One simulated drive: the readings of its sensors, and the true values.
 
     Attributes
     ----------
+    settings
+        The settings, checked.
+    rover
+        The rover that drove.
+    stretches
+        Soils by the place where they begin, m along the path.
+    effects
+        Hidden effects with their numbers.
     truth
-        True values; the sinkage is what an instrument without noise would show.
+        True values over time; the sinkage is what an instrument without noise would show.
     stretch
-        Index of the stretch under each wheel, shape (times, wheels).
+        Index in `stretches` of the soil under each wheel, shape (times, wheels).
+    rows
+        Readings by stream, such as `front_left/sinkage`: stamps (ns since 1970), shape (rows,), and values,
+        shape (rows, columns), whose columns the module `sensors` describes. Missing rows are left out.
     outliers
-        By stream, mask of the rows that are gross errors.
+        By stream of sinkage: which of its rows are gross errors, shape (rows,).
     """
 
     settings: DriveSettings
@@ -81,10 +92,12 @@ class Drive:
     outliers: Mapping[str, NDArray[np.bool_]]
 
     def answer(self) -> dict[str, Any]:
-        """True values that the bag must not contain: soils, hidden effects, true values over time.
+        """The file of the truth, which the bag must not contain, as dicts, lists and numbers.
 
-        Times are seconds after `epoch_ns`, the zero of the bag's header stamps; otherwise SI units. Slip is
-        0 where a wheel stands.
+        Its keys: kind, epoch_ns, settings, mass, stuck (time and way; None if it never got stuck), hidden
+        (effects), stretches (soils), wheels (by name; true values at the stamps of the wheel's sinkage) and
+        rover (values over time). Times are in seconds after `epoch_ns` (ns since 1970), all else in SI units.
+        Slip is 0 where a wheel stands.
         """
         truth, time = self.truth, self.truth.time
         settings = asdict(self.settings) | {"wheels": [asdict(w) for w in self.rover.wheels]}
@@ -141,11 +154,12 @@ def _rounded(values: Any, digits: int) -> list[float]:
 def simulate_drive(settings: DriveSettings) -> Drive:
     """Simulate a drive; the same settings give the same numbers.
 
+    Ground is drawn anew until the rover covers the distance and, only if there is a `finish`, gets stuck.
+
     Raises
     ------
     SimulationError
-        If a setting is outside its range, a wheel sinks to its axle, or the rover gets stuck on any
-        ground drawn.
+        If a setting is wrong, a wheel sinks to its axle, or that happens on none of 20 grounds.
     """
     settings = settings.check()
     rover, distance = settings.wheels, settings.distance
@@ -172,14 +186,14 @@ def simulate_drive(settings: DriveSettings) -> Drive:
 
 
 def in_ground(soil: TruthSoil) -> TrueSoil:
-    """A soil in the form that the ground of a world uses."""
+    """A soil of the simulator in the form that the ground of a world uses, with the same law and strength."""
     pressure = math.log(soil.k) + soil.n * math.log(SINKAGE) + soil.m * math.log(DIAMETER)
     strength = RimStrength(soil.cohesion, soil.friction_angle, soil.shear_deformation)
     return TrueSoil(pressure, soil.n, soil.m, strength)
 
 
 def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> tuple[Stretch, ...]:
-    """Draw what the rover drives over: `single` is one soil, `mixed` changes about every 10 m.
+    """Draw the soils along a drive: `single` is one sand, `mixed` three in turn, about 10 m each.
 
     Parameters
     ----------
@@ -193,7 +207,7 @@ def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> t
     Returns
     -------
     tuple of Stretch
-        Soils by the place where they begin; the first at 0 m.
+        Soils with the place where each begins, in order; the first at 0 m.
     """
 
     def draw(name: str, pressure: float, n: float, m: float, **rest: float) -> TruthSoil:
@@ -216,7 +230,7 @@ def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> t
 
 
 def draw_patches(distance: float, rng: np.random.Generator) -> tuple[Started, ...]:
-    """Draw slippery places, one every 6 m or so, with 0.7 of the grip.
+    """Draw slippery places, one every 6 m or so, about 1 m long, where shear forces are 0.7 of the usual.
 
     Parameters
     ----------
@@ -228,7 +242,7 @@ def draw_patches(distance: float, rng: np.random.Generator) -> tuple[Started, ..
     Returns
     -------
     tuple of Started
-        Features of kind `grip`, each with its start and end (m).
+        Features of kind `grip`, whose size is ln 0.7, with their start and end (m along the path).
     """
     count = max(1, round(distance / 6.0))
     starts = (np.arange(count) + rng.uniform(0.3, 0.8, count)) * distance / count
@@ -240,23 +254,24 @@ def draw_patches(distance: float, rng: np.random.Generator) -> tuple[Started, ..
 
 
 def draw_finish(name: str, distance: float, rng: np.random.Generator) -> tuple[Started, ...]:
-    """Draw the end of a drive, one of `FINISHES`, after `distance`.
+    """Draw the ground after the distance, on which a rover gets stuck.
 
-    A slope of 2.5 to 4.5 degrees more in each metre; or grip that falls to a tenth.
+    `slope` steepens by 2.5 to 4.5 degrees in each of 12 metres; on `slippery` ground shear forces fall to
+    0.05 to 0.15 of the usual within 0.8 to 1.6 m.
 
     Parameters
     ----------
     name
-        Name of the end: one of `FINISHES`.
+        One of `FINISHES`.
     distance
-        Where the end begins, m along the path.
+        Where that ground begins, m along the path.
     rng
         Random number generator for the draws.
 
     Returns
     -------
     tuple of Started
-        One feature; none for any other name.
+        One feature, of kind `climb` or `grip`, without an end; empty for `none`.
     """
     if name == "slope":
         rise = np.radians(rng.uniform(2.5, 4.5)) * _TO_BE_STUCK
@@ -274,7 +289,10 @@ def _stream(settings: DriveSettings, *purpose: int) -> np.random.Generator:
 def _recorded(
     world: World, rover: SimulatedRover, truth: Truth, settings: DriveSettings
 ) -> tuple[Rows, dict[str, NDArray[np.bool_]]]:
-    """What the sensors show, less what is missing; and which of it are gross errors."""
+    """Readings by stream without those that are missing, and which rows of each sinkage are gross errors.
+
+    As `Drive.rows` and `Drive.outliers`.
+    """
     measured = MeasuredRows(world, rover, truth, _stream(settings, 1))
     rows, outliers = measured.rows(), {}
     for j, wheel in enumerate(rover.wheels):
@@ -292,7 +310,7 @@ def _recorded(
 def _kept(
     stamps: Integers, settings: DriveSettings, rng: np.random.Generator, gap: bool
 ) -> NDArray[np.bool_]:
-    """Which rows are not missing: single ones are, and all in a gap."""
+    """Which rows are kept, (rows,): single ones are missing and, if `gap`, all in one stretch of time."""
     keep = rng.uniform(size=stamps.size) >= settings.dropouts
     if gap and settings.dropouts > 0:
         begin = int(stamps[int(rng.uniform(0.3, 0.9) * stamps.size)])
@@ -301,9 +319,9 @@ def _kept(
 
 
 def _world(settings: DriveSettings, rover: SimulatedRover, rng: np.random.Generator) -> World:
-    """Stand for 2 s, halt for 3 s on the way, go on until stuck. Two bends make an S.
+    """Make the world of a drive: two bends that form an S, with a halt of 3 s between them, then the finish.
 
-    A rover that steers has tighter ones, and turns on the spot where it halts.
+    A rover that steers has tighter bends, and turns on the spot at the halt.
     """
     half = 0.5 * settings.distance
     bend = min(rng.uniform(0.5, 1.0) / half, 0.1)
@@ -319,7 +337,10 @@ def _world(settings: DriveSettings, rover: SimulatedRover, rng: np.random.Genera
 
 
 class _Wheels:
-    """The wheels of a rover, on the soils of a drive and with what is hidden."""
+    """The wheels of a rover on the ground of a drive, with hidden effects.
+
+    attempt: number of the ground that is drawn. Raises SimulationError if a wheel sinks to its axle at rest.
+    """
 
     def __init__(
         self,
@@ -350,7 +371,7 @@ class _Wheels:
         self._settle(settings.speed)
 
     def drive(self) -> Truth:
-        """Drive over the ground, then work out what the wheels' instruments show without noise."""
+        """Drive over the ground; the sinkage returned is what instruments without noise show."""
         vehicle = SimulatedVehicle(self.world, self.rover, self.ground, self.rng)
         vehicle.run()
         truth = truth_of(vehicle)
@@ -367,11 +388,14 @@ class _Wheels:
         return replace(truth, sinkage=shown)
 
     def kinds(self, truth: Truth) -> Places:
-        """Index of the stretch that each wheel is on."""
+        """Index of the stretch that each wheel is on, shape (times, wheels)."""
         return self.ground.kinds(truth.place[:, None] + self.x)
 
     def _settle(self, speed: float) -> None:
-        """How deep each wheel stands in each cell, and what resists it besides the pressure of the depth."""
+        """Set the ground's `rest` and `dragging`: sinkage (m) without slip, and resistance over load.
+
+        `dragging` is the part that the pressure k z^n D^m alone does not give.
+        """
         ground, cells = self.ground, np.arange(self.ground.at.size)
         for j, wheel in enumerate(self.rover.wheels):
             nothing, same = np.zeros(cells.size), np.full(cells.size, speed)
@@ -391,7 +415,10 @@ class _Wheels:
     def _on_soil(
         self, j: int, cells: Places, load: Array, slip: Array, speed: Array
     ) -> Iterator[tuple[Places, WheelsOnSoil]]:
-        """A wheel in cells, by soil and in blocks: the rows of each, and the wheels."""
+        """Yield the states of wheel j in blocks of rows on one soil: indices of the rows, and their wheels.
+
+        cells, load (N), slip and speed (m/s): shape (rows,).
+        """
         ground, wheel = self.ground, self.rover.wheels[j]
         at = Circumstances.of(
             load=load, diameter=wheel.diameter, width=wheel.width, slip=slip,

@@ -24,14 +24,14 @@ _DELAYS = {
     "joint_states": (0.002, 0.001),
     "imu": (0.002, 0.001),
 }
-Fields = Iterator[dict[str, Any]]  # of messages, besides their headers
+Fields = Iterator[dict[str, Any]]  # fields of each message but the header
 
 
 def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap") -> int:
     """Write the drive's readings as a bag in a new folder; return the number of messages.
 
     Topics: ``/<wheel>/load`` (geometry_msgs/WrenchStamped, 50 Hz: force.z positive when the soil
-    pushes the wheel up, force.x what it last pushed the wheel forward with), ``/<wheel>/sinkage``
+    pushes the wheel up, force.x the newest drawbar pull), ``/<wheel>/sinkage``
     (smallwheel_ros/WheelSinkage, 10 Hz), ``/odom`` (nav_msgs/Odometry, 30 Hz, not from the wheels),
     ``/joint_states`` (sensor_msgs/JointState, 50 Hz, joints named ``<wheel>_joint``, effort in N m at
     the wheel, and ``<wheel>_steering_joint`` of wheels that steer) and ``/imu`` (sensor_msgs/Imu, 50 Hz,
@@ -46,12 +46,12 @@ def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap"
     path
         New folder of the bag.
     storage
-        `mcap` or `sqlite3`.
+        Format of the bag, `mcap` or `sqlite3`.
 
     Returns
     -------
     int
-        Messages written.
+        Number of messages written.
 
     Raises
     ------
@@ -67,7 +67,10 @@ def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap"
 
 
 def recorded(drive: Drive) -> dict[str, Integers]:
-    """When the rows of each topic were recorded, ns since 1970; those of one topic in their order."""
+    """Draw the times at which the messages of each topic are recorded, shortly after their stamps.
+
+    Returns them by topic without its leading slash: ns since 1970, shape (messages,), rising.
+    """
     names = [wheel.name for wheel in drive.rover.wheels]
     streams = {f"{name}/{what}": what for name in names for what in ("load", "sinkage")}
     found = {}
@@ -109,13 +112,13 @@ def _vector(x: float, y: float, z: float) -> Message:
 
 
 def _orientations(roll: Array, pitch: Array, yaw: Array) -> list[Message]:
-    """REP 103: positive about x lifts the left side, positive about y lowers the nose."""
+    """Quaternions of angles (rad, (rows,)), by REP 103: roll lifts the left side, pitch lowers the nose."""
     turned: Array = Rotation.from_euler("xyz", np.stack([roll, pitch, yaw], axis=1)).as_quat()
     return [Message(x=x, y=y, z=z, w=w) for x, y, z, w in turned.tolist()]
 
 
 def _covariance(*variances: float) -> Array:
-    """Row-major, three of each variance: 6x6 of positions (m) and angles (rad), or 3x3."""
+    """A diagonal covariance, row-major, with each variance three times: 3x3 of one, 6x6 of two."""
     return np.diag(np.repeat(variances, 3)).ravel()
 
 
@@ -124,7 +127,7 @@ _ANGLE, _RATE, _FELT = (_covariance(deviation**2) for deviation in (6e-3, 5e-3, 
 
 
 def _integral(rates: Array, stamps: Integers) -> Array:
-    """Where it is by its rates: of each since the stamp before, from 0."""
+    """Integrate rates (1/s) over stamps (ns) from 0; each rate holds since the stamp before it. (rows,)."""
     return np.cumsum(rates * np.diff(stamps, prepend=stamps[:1])) / 1e9
 
 

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hidden effects that the truth can contain.
 
-Each acts on the stress at the points of the contact, and has a form of its own, other than the
-published forms which the library fits: a tool that finds an effect only if it knows the exact
-formula proves nothing.
+Each acts on the stress at the points of the contact. Its form differs from the published forms, which the
+library fits: to find an effect by its exact formula would prove nothing. Faults of instruments are the
+exception.
 
-An effect is a row of `EFFECTS`: its formula, its typical size, the stage of the truth in which it acts, and
-what it does there. In the formulas A is the amplitude, i slip, and s the share of the contact's length that
-the soil at a point has passed (0 at the entry, 1 at the lowest point). With slip i it was carried i
-s of that length by the rim: Wong and Reece's (1967) shear displacement less its part at no slip,
-over the length of the contact.
+An effect is an entry of `EFFECTS`: its formula, its typical size, the stage of the truth at which it acts,
+and the function that it applies there. In the formulas A is the amplitude, i slip, and s the share of the
+contact's length that the soil at a point has passed (0 at the entry, 1 at the lowest point). At slip i the
+rim has carried it along by i s of that length: Wong and Reece's (1967) shear displacement less its part at
+no slip, over the length of the contact.
 """
 
 from __future__ import annotations
@@ -26,39 +26,69 @@ from smallwheel_ros.simulate.truth import Array, Circumstances, Contact, TruthSo
 
 @dataclass(frozen=True)
 class HiddenLaw:
-    """One effect: its formula, its amplitude at strength 1, and its action in one stage.
+    """The law of one effect: its formula, and its action at one stage of the truth.
 
-    That stage of the truth calls the action with the effect's amplitude, the stage's own arguments, and
-    the effect's other numbers by name:
+    At that stage the action is called with the effect's amplitude, the arguments of the stage, and the
+    effect's other numbers by name:
 
-    | stage | arguments | gives |
+    | stage | arguments | returns |
     | --- | --- | --- |
     | `modulus` | circumstances | factor on k for the whole contact, by row |
     | `stress` | contact, circumstances, soil | factor on the stress at each point, (rows, nodes) |
-    | `carried_away` | contact, circumstances | thickness (m) of soil at each point that is gone |
-    | `resistance` | depth (m), soil, circumstances | resistance (N) besides that of the front's stress |
-    | `rebound` | pressure (Pa) under the wheel | how far the soil comes up at its rear (m); it unloads as |
-    | | | the share of that which is still to come, to this exponent |
-    | `shown_sinkage`, `shown_resistance`, `shown_load` | value, circumstances | what an instrument |
-    | | | without noise shows of it |
+    | `carried_away` | contact, circumstances | thickness (m) of soil removed at each point, (rows, nodes) |
+    | `resistance` | depth (m), soil, circumstances | resistance (N) besides that of the stress, (rows,) |
+    | `rebound` | pressure (Pa) at the lowest point | rise (m) of the soil after it, (rows,), and exponent |
+    | | | e: where a share x of the rise is still to come, the pressure is x^e times that |
+    | `shown_sinkage`, `shown_resistance`, `shown_load` | value, circumstances | reading of an instrument |
+    | | | without noise |
+
+    Attributes
+    ----------
+    formula
+        For people, with A for the amplitude.
+    typical
+        Amplitude at strength 1, in the SI unit of the formula.
+    stage, does
+        Name of the stage, and the action.
+    needs
+        Columns that a table has only for this effect.
+    on_stiffness
+        Whether it changes how firm the soil is for any wheel.
+    in_ruts
+        Whether it depends on the rut that earlier passes left.
+    either_sign
+        Whether the sign is drawn, too, where no size is given.
+    numbers
+        Numbers besides the amplitude, by name; of a pair, one is drawn between the two.
     """
 
     formula: str
     typical: float
     stage: str
     does: Callable[..., Any]
-    needs: tuple[str, ...] = ()  # columns that a table has only for this effect
-    on_stiffness: bool = False  # changes how firm the soil is for any wheel
-    in_ruts: bool = False  # depends on the rut that earlier passes left
-    either_sign: bool = False  # where no size is given the sign is drawn as well
-    # What it has besides its amplitude: a number, or two between which one is drawn; then the
-    # amplitude is the typical one.
+    needs: tuple[str, ...] = ()
+    on_stiffness: bool = False
+    in_ruts: bool = False
+    either_sign: bool = False
+    # Where one of them is drawn, the amplitude is not varied about the typical one.
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One effect in the truth; `numbers` are those of its formula besides the amplitude, by name."""
+    """One effect in the truth.
+
+    Attributes
+    ----------
+    name
+        Its name in `EFFECTS`, or `column` for `OF_COLUMN`.
+    law
+        Its law.
+    amplitude
+        A of the law's formula, in the formula's SI unit.
+    numbers
+        The other numbers of the formula, by name, SI units.
+    """
 
     name: str
     law: HiddenLaw
@@ -66,25 +96,25 @@ class HiddenEffect:
     numbers: Mapping[str, Any]
 
     def describe(self) -> dict[str, Any]:
-        """Name, formula and numbers, for the answer."""
+        """`effect` (the name), `formula`, `amplitude` and the other numbers, for the file of the truth."""
         told = {"effect": self.name, "formula": self.law.formula}
         return {**told, "amplitude": self.amplitude, **self.numbers}
 
 
 def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
-    """Yield the actions of effects in one stage, in their order.
+    """Yield the actions of the effects at one stage, in the order of the effects.
 
     Parameters
     ----------
     effects
-        Hidden effects, in the order in which they act.
+        Hidden effects.
     stage
-        Name of the stage of the simulation.
+        Name of the stage, as in `HiddenLaw`.
 
     Yields
     ------
     callable
-        The law of each effect of this stage, with its amplitude and numbers filled in.
+        Takes the arguments of the stage; amplitude and numbers are filled in.
     """
     for effect in effects:
         if effect.law.stage == stage:
@@ -110,14 +140,14 @@ def shown_by_instrument(
     Returns
     -------
     ndarray
-        What the instrument shows, same shape and unit.
+        Reading without noise, same shape and unit.
     """
     for shows in acting(effects, f"shown_{channel}"):
         value = shows(value, at)
     return value
 
 
-# --- What is longer than its formula
+# --- Actions that are longer than a line
 
 
 def _driven(at: Circumstances) -> Array:
@@ -129,12 +159,12 @@ def _braked(at: Circumstances) -> Array:
 
 
 def _carried(contact: Contact, slip: Array) -> Array:
-    """How far the rim has carried soil along, over the length of the contact."""
+    """Distance that the rim carried soil along, over the contact's length, at each point, (rows, nodes)."""
     return slip[:, None] * contact.passed
 
 
 def _wall(a: float, depth: Array, soil: TruthSoil, at: Circumstances) -> Array:
-    """Coulomb's passive pressure on a wall with failing wedges at its sides."""
+    """Resistance (N) of a wall by Coulomb's passive pressure, with failing wedges at its sides."""
     phi = soil.friction_angle
     friction = phi / 2
     root = np.sqrt(np.sin(phi + friction) * np.sin(phi) / np.cos(friction))
@@ -167,7 +197,7 @@ def _confined(a: float, contact: Contact, at: Circumstances, *_: object) -> Arra
 
 
 def _held_at_edges(a: float, contact: Contact, at: Circumstances, *_: object) -> Array:
-    """Share A exp(-y / l) at a distance y from the nearer edge, integrated over the width."""
+    """Factor 1 + A exp(-y / l) at a distance y from the nearer edge, averaged over the width."""
     x = at.width[:, None] / (2.0 * (0.02 + contact.depth))
     return np.asarray(1.0 - a * np.expm1(-x) / x)
 
@@ -186,7 +216,7 @@ def _dug_away(a: float, contact: Contact, at: Circumstances) -> Array:
 
 
 def _in_column(at: Circumstances, column: str, centre: float, half_range: float) -> Array:
-    """Where a column's value is in its range, from -1 to 1."""
+    """Place of a column's values in its range, from -1 to 1 (beyond these outside it), shape (rows,)."""
     return (at.covariates[column] - centre) / half_range
 
 
@@ -196,7 +226,7 @@ def _in_column(at: Circumstances, column: str, centre: float, half_range: float)
 def _fault(
     formula: str, typical: float, channel: str, does: Callable[..., Any], either_sign: bool = False
 ) -> HiddenLaw:
-    """Return a fault of an instrument, which the library fits in the same form."""
+    """A fault of an instrument, in the form that the library fits. channel: as in `shown_CHANNEL`."""
     return HiddenLaw(
         f"measured {formula}", typical, f"shown_{channel}", does, either_sign=either_sign
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options of a command from the fields of its settings: each is declared once, with its default."""
+"""Options of a command, made from the fields of its settings, which declare each once, with its default."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ class Option(NamedTuple):
     text
         Help of the option.
     within
-        Its lowest and highest value, and their unit; or its choices.
+        Lowest and highest value, both allowed, and optionally their unit; or the choices, texts. Empty if
+        any value is allowed.
     words
-        Arguments for `click.option` that do not follow from the field's default.
+        Keyword arguments for `click.option` that do not follow from the field's default.
     """
 
     text: str | None = None
@@ -31,26 +32,26 @@ class Option(NamedTuple):
 
 
 def options_of(settings: type) -> dict[str, Option]:
-    """The options among the fields of settings (a dataclass), by name."""
+    """The fields of settings (a dataclass) that are options, by name, in the order of the fields."""
     hints = get_type_hints(settings, include_extras=True)
     found = {name: getattr(hint, "__metadata__", (None,))[0] for name, hint in hints.items()}
     return {name: option for name, option in found.items() if isinstance(option, Option)}
 
 
 def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Command], Command]:
-    """Give a command the options of its settings, in their order, after those in `first`.
+    """Make a decorator that gives a command the options of its settings.
 
     Parameters
     ----------
     settings
-        Dataclass of settings, with defaults.
+        Dataclass of settings, all with defaults.
     first
-        Names of the fields whose options come first.
+        Names of the fields whose options come first; the others follow in the order of the fields.
 
     Returns
     -------
     callable
-        Decorator of a click command.
+        Decorator of a function that becomes a click command, which gets each field as a keyword argument.
     """
     said = options_of(settings)
     order = [*first, *(name for name in said if name not in first)]
@@ -69,5 +70,5 @@ def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Com
 
 
 def names(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
-    """Split a comma-separated list of names; a callback of click."""
+    """Split a list of names at its commas, without spaces and empty names; a callback of click."""
     return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A single-wheel rig: tables of steady measurements whose truth is known.
+"""A single-wheel rig: tables of steady measurements whose true values are known.
 
-The units in the tables' headers are mixed on purpose, as in people's tables.
+The units in the tables' headers are mixed on purpose, as in tables that people make.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from smallwheel_ros.simulate.truth import Circumstances, TruthSoil, soil_of_pres
 from smallwheel_ros.simulate.wheel_laws import WheelsOnSoil
 
 SUFFIXES = (".csv", ".parquet")
-# How far a rig is from what was asked of it, which its own sensors see (1 sigma).
+# Standard deviations of load (relative), slip and speed (relative) from their set values, which sensors see.
 _LOAD_CONTROL, _SLIP_CONTROL, _SPEED_CONTROL = 0.01, 0.004, 0.01
-# At typical noise: errors of the sensors of the settings, and absolute noise of the channels.
+# Standard deviations at typical noise: errors of these settings' sensors; absolute noise of channels, SI.
 _LOAD_ERROR, _SLIP_ERROR, _SPEED_ERROR = 0.005, 0.004, 0.005
 ABSOLUTE_NOISE = {"sinkage": 0.15e-3, "resistance": 0.15, "drawbar_pull": 0.3, "torque": 0.03}
-# Low, high, SI and radians. What is drawn between them: evenly, or (speed) evenly in its logarithm.
+# Lowest and highest value, SI and radians. Values are drawn evenly between them; speeds evenly in ln.
 RANGES: dict[str, tuple[float, float]] = {
     "load": (20.0, 150.0),
     "slip": (0.0, 0.6),
@@ -55,12 +55,12 @@ SETTINGS = {
     "grouser_height": ("grouser_height [mm]", 1e3),
     "speed": ("speed [mm/s]", 1e3),
 }
-# A rig's wheels stay visible: truth sinkages outside these limits are not measured.
+# m, and diameters: runs whose true sinkage is outside these limits are not measured.
 _LEAST_SINKAGE, _DEEPEST = 1e-3, 0.3
 _ATTEMPTS = 2000
-_TIED_SPREAD = 0.035  # of the range: correlation 0.99
+_TIED_SPREAD = 0.035  # standard deviation over the range: correlation 0.99
 
-RunSettings = dict[str, float]
+RunSettings = dict[str, float]  # of one run, by name, SI units and radians
 
 
 # --- Which wheels, soil and settings a rig has
@@ -68,18 +68,18 @@ RunSettings = dict[str, float]
 
 @dataclass(frozen=True)
 class RigDesign:
-    """The rig: its soil, wheels and settings.
+    """A rig: its soil, its wheels, and the ranges of its settings.
 
     Attributes
     ----------
     soil
         The soil.
     diameters, widths
-        Sizes of the wheels, m.
+        Diameters and widths that wheels may have, m; they are combined freely.
     ranges
-        Lowest and highest value of each setting, SI units and radians.
+        Lowest and highest value of each setting by name, SI units and radians.
     tie
-        The two settings that are driven together, the leading one first; empty for none.
+        The two settings that are varied together, the leading one first; empty for none.
     """
 
     soil: TruthSoil
@@ -92,21 +92,22 @@ class RigDesign:
 def draw_design(
     effects: Sequence[HiddenEffect], tie: Sequence[str], rng: np.random.Generator
 ) -> RigDesign:
-    """Draw wheels and soil: four diameters, four widths, a sand or loam that carries them.
+    """Draw wheels and soil of a rig: four diameters, four widths, a sand or loam that carries them.
 
     Parameters
     ----------
     effects
-        Hidden effects; the columns that they need are varied, too.
+        Hidden effects. Columns that they need are varied, too; the soil's k is scaled so that effects on its
+        stiffness leave it as firm as drawn in the middle of the ranges.
     tie
-        The pair of settings that are tied, leader first; empty for none.
+        The two settings that are varied together, the leading one first; empty for none.
     rng
         Random number generator for the draws.
 
     Returns
     -------
     RigDesign
-        Soil (SI), wheels (m) and the range of each setting.
+        The rig; `typical_run` and `draw_runs` make settings for it.
     """
     diameters = np.array([0.13, 0.2, 0.3, 0.45]) * rng.uniform(0.9, 1.1, 4)
     widths = np.array([0.04, 0.07, 0.11, 0.17]) * rng.uniform(0.9, 1.1, 4)
@@ -135,13 +136,13 @@ def draw_design(
         ranges=ranges,
         tie=tuple(tie),
     )
-    # Effects on stiffness keep their ratios, but on the whole the soil stays as firm as it was drawn.
+    # Effects on stiffness change it from run to run, but in a typical run the soil is as firm as drawn.
     firmness = WheelsOnSoil(soil, effects, Circumstances.of(**typical_run(design))).firmness()
     return replace(design, soil=replace(soil, k=soil.k / firmness))
 
 
 def typical_run(design: RigDesign) -> RunSettings:
-    """Settings with everything at the middle of its range."""
+    """A run with each setting at the middle of its range (of speed the geometric one), and a middle wheel."""
     middle = {name: (low + high) / 2 for name, (low, high) in design.ranges.items()}
     low, high = design.ranges["speed"]
     return middle | {
@@ -155,15 +156,15 @@ def typical_run(design: RigDesign) -> RunSettings:
 def draw_runs(
     design: RigDesign, effects: Sequence[HiddenEffect], count: int, rng: np.random.Generator
 ) -> tuple[RunSettings, ...]:
-    """Draw runs, each setting independent of the others (except for a tie).
+    """Draw the settings of runs, each setting independent of the others (except for a tie).
 
-    Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn again,
-    as nothing is measured there; that leaves slight correlations of load, diameter and width.
+    Runs whose true sinkage is less than 1 mm or more than 0.3 diameters, or whose resistance is not above 0,
+    are drawn again, as nothing is measured there; load, diameter and width are slightly correlated by that.
 
     Parameters
     ----------
     design
-        Ranges of the settings, and the soil.
+        The rig.
     effects
         Hidden effects.
     count
@@ -174,12 +175,12 @@ def draw_runs(
     Returns
     -------
     tuple of dict
-        `count` settings by column name, SI units and radians.
+        Settings of each of `count` runs by name, SI units and radians.
 
     Raises
     ------
     SimulationError
-        If hardly any setting is left: the hidden effects are too strong.
+        If too few of the runs drawn can be measured, as with hidden effects that are too strong.
     """
     runs: list[RunSettings] = []
     tried = 0
@@ -224,7 +225,21 @@ def _draw_run(design: RigDesign, rng: np.random.Generator) -> RunSettings:
 
 @dataclass(frozen=True)
 class RigTruth:
-    """Soil, effects and settings from which a table was made; `measure` makes more measurements of it."""
+    """The true soil, effects and settings of a table; `measure` makes more measurements on the same rig.
+
+    Attributes
+    ----------
+    settings
+        Settings of the simulation, checked.
+    soil
+        The soil.
+    effects
+        Hidden effects with their numbers.
+    design
+        Wheels and ranges of the rig.
+    runs
+        Set values of each run by name, SI units and radians.
+    """
 
     settings: RigSettings
     soil: TruthSoil
@@ -233,7 +248,7 @@ class RigTruth:
     runs: tuple[RunSettings, ...]
 
     def answer(self) -> dict[str, Any]:
-        """True values that the table must not contain, in SI units and radians."""
+        """The file of the truth, a dict of kind, settings, hidden, soil and runs; SI units and radians."""
         return {
             "kind": "rig",
             "settings": asdict(self.settings),
@@ -245,7 +260,15 @@ class RigTruth:
 
 @dataclass(frozen=True)
 class Rig:
-    """A simulated table (headers with units, ready to be written), and the truth from which it was made."""
+    """A simulated table, and its true soil, effects and settings.
+
+    Attributes
+    ----------
+    table
+        One row for each measurement, ready to be written; headers state the units, which are mixed.
+    truth
+        From which `measure` can make more measurements.
+    """
 
     table: pd.DataFrame
     truth: RigTruth
@@ -257,7 +280,7 @@ def simulate_rig(settings: RigSettings) -> Rig:
     Raises
     ------
     SimulationError
-        If a setting is outside its range.
+        If a setting is wrong, or hidden effects are so strong that wheels sink too deep to be measured.
     """
     settings = settings.check()
     rng = np.random.default_rng([settings.seed, 20])
@@ -274,28 +297,28 @@ def measure(
     *,
     first_run: int | None = None,
 ) -> pd.DataFrame:
-    """Measure runs on the rig of a truth: same soil, own scatter and noise.
+    """Measure further runs on a rig: with the same soil and effects, but scatter and noise of their own.
 
     Parameters
     ----------
     truth
         The rig: its soil, hidden effects and noise.
     runs
-        For each run its settings by column name, SI units and radians. A missing one is at the middle
-        of the rig's range.
+        Settings of each run by name, SI units and radians. One that is missing is at the middle of the
+        rig's range (`typical_run`).
     first_run
-        Number of the first run, which also selects its random stream; None continues after the truth's
-        own runs.
+        Number of the first run, from 0, which is in its name and selects its random numbers; None continues
+        after the truth's own runs.
 
     Returns
     -------
     pandas.DataFrame
-        Same columns as the table of `simulate_rig`, to be appended to it.
+        `rows_per_run` rows for each run, with the columns of the table of `simulate_rig`.
 
     Raises
     ------
     SimulationError
-        If a setting is unknown or out of range, or the wheel would sink to its axle.
+        If there are no runs, a setting is unknown or out of range, or the wheel would sink to its axle.
     """
     first = len(truth.runs) if first_run is None else first_run
     blocks = [
@@ -308,7 +331,7 @@ def measure(
 
 
 def _complete(truth: RigTruth, run: Mapping[str, float]) -> RunSettings:
-    """Fill in what is not given, and check what is."""
+    """Add typical values of settings not given. Raises SimulationError for unknown or impossible ones."""
     typical = typical_run(truth.design)
     for name, value in run.items():
         if name not in typical:
@@ -389,7 +412,10 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings) -> pd.DataFrame
 def _spoil(
     measured: dict[str, Any], settings: RigSettings, rng: np.random.Generator, diameter: float
 ) -> None:
-    """Put in gross errors, and keep readings to what an instrument can show."""
+    """Multiply some values by 2 to 4, in place, and clip sinkages (m) to what an instrument can show.
+
+    diameter: of the wheel, m, to whose axle it can show them.
+    """
     rows = measured["sinkage"].size
     wild = rng.uniform(size=rows) < settings.outliers
     victim = rng.integers(0, len(settings.channels), rows)
@@ -404,19 +430,19 @@ def _spoil(
 
 
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
-    """Write a table as CSV or Parquet, by its suffix, whole or not at all.
+    """Write a table as CSV or Parquet, by the file's suffix, whole or not at all.
 
     Parameters
     ----------
     table
-        Columns in SI units, as `simulate_rig` makes them.
+        The table, with units in its headers as `simulate_rig` makes them; it is written unchanged.
     path
-        File to write, ending in .csv or .parquet.
+        File to write, ending in .csv or .parquet; an existing one is replaced.
 
     Raises
     ------
     SimulationError, OutputError
-        If the suffix is another one or the file cannot be written.
+        If the suffix is another one, pyarrow is missing for Parquet, or the file cannot be written.
     """
     path = check_suffix(Path(path))
 
@@ -436,7 +462,7 @@ def write_table(table: pd.DataFrame, path: Path | str) -> None:
 
 
 def check_suffix(path: Path) -> Path:
-    """Return the path; raise `SimulationError` unless it is that of a table."""
+    """Return the path; raise SimulationError unless its suffix is .csv or .parquet."""
     if path.suffix not in SUFFIXES:
         raise SimulationError(
             f"cannot write {path}: the suffix {path.suffix!r} is not {' or '.join(SUFFIXES)}"

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensor readings of a world's vehicle from the truth: rows of stamps (ns) and values, by stream.
+"""Sensor readings of a world's vehicle from the truth: stamps (ns since 1970) and values, by stream.
 
-Columns are those of the library's streams. The odometry has speed, yaw rate, x, y, cosine and sine
-of the yaw, variances of the first two (0: not stated), pitch and roll, and, for a rover that
-steers, sideways speed. The imu has yaw rate, specific force, and the direction of up. A sinkage
-comes with its variance.
+Columns are those of the library's streams, SI units. `odom` has speed, yaw rate, x, y, cosine and sine of
+the yaw, variances of the first two (0: not stated), pitch and roll, and, for a rover that steers, the
+speed to the left. `imu` has yaw rate, specific force (ahead, left, up), the direction of up (likewise; NaN
+where there is no orientation) and pitch rate. `WHEEL/sinkage` has sinkage and its variance; `WHEEL/load`,
+`WHEEL/drawbar_pull`, `WHEEL/wheel_speed`, `WHEEL/steering` and `WHEEL/torque` have one column each.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ from smallwheel_ros.simulate.vehicle import TICK, Truth, stamps_of
 from smallwheel_ros.simulate.world import SimulatedRover, World
 
 Integers = NDArray[np.int64]
-Rows = dict[str, tuple[Integers, Array]]
+Rows = dict[str, tuple[Integers, Array]]  # by stream: stamps (rows,) and values (rows, columns)
 _ANGLE = 3e-3  # rad, of a potentiometer on a steering axis
-_SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they are alike
+# Standard deviation of a driven vehicle's shaking, m/s^2, and the time over which it is correlated, s.
+_SHAKES, _SHAKEN = 1.2, 0.05
 
 
 def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
@@ -33,11 +35,11 @@ def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
     Parameters
     ----------
     normal
-        Function of a number that draws so many independent standard normal numbers.
+        Function that draws a number of independent standard normal numbers, shape (its argument,).
     count
         Number of errors.
     keep
-        Correlation of neighbours, 0 to 1.
+        Correlation of each error with the next, 0 to 1.
 
     Returns
     -------
@@ -50,7 +52,24 @@ def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
 
 
 class MeasuredRows:
-    """The sensor readings of a drive; `outliers` tells which sinkages of each wheel are gross errors."""
+    """Makes the sensor readings of a drive.
+
+    Parameters
+    ----------
+    world
+        The world, with its sensors.
+    rover
+        The rover that drove.
+    truth
+        True values over time.
+    rng
+        Random number generator for all errors.
+
+    Attributes
+    ----------
+    outliers
+        By wheel, once `rows` was called: which of its sinkages are gross errors, shape (rows,).
+    """
 
     def __init__(
         self, world: World, rover: SimulatedRover, truth: Truth, rng: np.random.Generator
@@ -62,11 +81,11 @@ class MeasuredRows:
         self.half = np.array([0.5 * w.diameter for w in rover.wheels])
 
     def normal(self, size: int | tuple[int, ...] | None = None) -> Any:
-        """Random numbers for all noise, scaled to its deviation where that is given."""
+        """Normal random numbers of standard deviation `noise_factor`: one, or of shape `size`."""
         return self.sensors.noise_factor * self.rng.standard_normal(size)
 
     def rows(self) -> Rows:
-        """Rows of every stream."""
+        """Stamps and values of every stream that the vehicle has, by name; call it once."""
         found: Rows = {}
         for j, wheel in enumerate(self.rover.wheels):
             if self.sensors.load:
@@ -125,7 +144,7 @@ class MeasuredRows:
         return _stamped(time, np.column_stack([shown, variance]))
 
     def _joints(self) -> Rows:
-        """Encoders of so many steps a turn, of wheels with slightly wrong radii; motors' torques."""
+        """Streams of wheel speeds (encoders of finite step, slightly wrong radii), steering and torques."""
         sensors, time = self.sensors, self._times(self.sensors.joint_rate)
         radius = self.half * (1.0 + 0.007 * (self.normal() + self.normal(self.half.size)))
         step = 2.0 * np.pi / self.rng.choice(sensors.encoder_steps)
@@ -148,7 +167,7 @@ class MeasuredRows:
             torque = self.truth.at(time, self.truth.torque) + sensors.friction * turns
             torque = torque * (1.0 + sensors.torque_scale * self.normal(self.half.size))
             torque = torque + 0.03 * self.normal(torque.shape)
-            if sensors.current:  # a motor that stands takes none, and shows its amount alone
+            if sensors.current:  # no current at standstill, and no sign
                 torque = np.where(turns, np.abs(torque), 0.0)
             found |= {
                 f"{w.name}/torque": _stamped(time, torque[:, j])
@@ -157,7 +176,10 @@ class MeasuredRows:
         return found
 
     def _own(self, time: Array, rate: float) -> tuple[Array, float]:
-        """A speed computed from pictures: late, of another scale, with errors that last for a while."""
+        """Speed (m/s) of an odometry from images or lidar at these times, and the deviation of its noise.
+
+        It is late, has an error of scale, and part of its noise is correlated in time. rate: Hz.
+        """
         sensors, truth = self.sensors, self.truth
         smooth = self.rng.uniform(*sensors.lag)
         true = truth.speed
@@ -174,12 +196,12 @@ class MeasuredRows:
         return scale * self.truth.at(time - self.lag, true) + deviation * noise, deviation
 
     def _of_wheels(self, time: Array, filtered: bool) -> Array:
-        """A speed that is computed from the joints, as it is or by a filter with the imu's gains."""
+        """Speed (m/s) of an odometry from the joints, (times,): the rims' mean, or filtered with an imu."""
         when, rims = self.shown_rims
         shown = rims.mean(axis=1)
         if not filtered:
             return np.asarray(np.interp(time, when, shown))
-        # Half of them use accelerations, half take the speed for constant.
+        # Half of the filters use accelerations, half assume a constant speed.
         felt: Array = np.zeros(when.size)
         if self.rng.uniform() < 0.5:
             felt = self.truth.at(when, self.truth.acceleration) + 0.05 * self.normal()
@@ -264,7 +286,7 @@ class MeasuredRows:
         up = [np.sin(shown), np.cos(shown) * np.sin(side), np.cos(shown) * np.cos(side)]
         if drives:
             up = [np.full(time.size, np.nan)] * 3
-        pitch_rate = np.zeros(time.size)  # it gives none
+        pitch_rate = np.zeros(time.size)  # not measured
         return _stamped(time, np.column_stack([turn, felt, *up, pitch_rate]))
 
 

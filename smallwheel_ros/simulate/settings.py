@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which rig or drive to simulate, and with which hidden effects: options, their ranges, and refusals.
+"""Settings of a simulated rig or drive, hidden effects included: options, their ranges, and their checks.
 
-The name of an effect may include its size, in SI units of its formula: `load_offset=-4`. Its
-numbers are then not drawn, and `strength` does not apply to it.
+The name of an effect may be followed by its amplitude, in the SI unit of its formula: `load_offset=-4`.
+The amplitude is then not drawn, and `strength` does not apply to it.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from smallwheel_ros.simulate.world import ROVERS, Sensors, SimulatedRover
 
 
 class SimulationError(SmallwheelError):
-    """An impossible simulation: which setting, what was given, what was expected."""
+    """An impossible simulation; the message names the setting, what was given, and what was expected."""
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str = "") -> None:
-    """Check that a setting is a finite number within its bounds, both allowed.
+    """Raise SimulationError unless a setting is a finite number within its bounds, both allowed.
 
     Parameters
     ----------
@@ -37,12 +37,7 @@ def check_range(name: str, value: float, low: float, high: float, unit: str = ""
     low, high
         Bounds of the setting, in its unit.
     unit
-        Unit of the setting, for the message.
-
-    Raises
-    ------
-    SimulationError
-        If it is not.
+        Unit of the setting, for the message; empty for a pure number.
     """
     if not (math.isfinite(value) and low <= value <= high):
         unit = f" {unit}" if unit else ""
@@ -53,15 +48,15 @@ def check_range(name: str, value: float, low: float, high: float, unit: str = ""
 
 # --- Hidden effects
 
-_MOISTURE = "moisture"  # a column like any other, only better known
+_MOISTURE = "moisture"  # short for `column:moisture`
 _COLUMN = "column:"
-# Unit in the header, low, high. Others are pure numbers between 0.5 and 1.5.
+# Unit in the header, lowest and highest value. Other columns are pure numbers between 0.5 and 1.5.
 _KNOWN_COLUMNS = {
     _MOISTURE: ("", 0.02, 0.14),
     "density": ("kg/m^3", 1400.0, 1700.0),
     "temperature": ("K", 268.0, 308.0),
 }
-# Columns that a measurements table knows: no effect can be driven by an extra one of that name.
+# Columns of every measurements table: none of them can be the extra column of a hidden effect.
 _CONTRACT_COLUMNS = frozenset([
     "load", "diameter", "width", "sinkage", "resistance", "drawbar_pull", "sinkage_std",
     "resistance_std", "drawbar_pull_std", "slip", "slip_angle", "slope", "speed", "pass_number",
@@ -70,7 +65,7 @@ _CONTRACT_COLUMNS = frozenset([
 
 
 def hidden_names() -> tuple[str, ...]:
-    """Everything that `--hidden` takes."""
+    """Names that `--hidden` takes; of `column:NAME`, NAME is any name of a column."""
     return ("none", *EFFECTS, _MOISTURE, f"{_COLUMN}NAME")
 
 
@@ -84,13 +79,13 @@ Hidden = Annotated[
         words={"default": "none", "metavar": "EFFECT[=SIZE][,EFFECT]"},
     ),
 ]
-FRACTION = {"metavar": "FRACTION"}  # of options that are a share
+FRACTION = {"metavar": "FRACTION"}  # words of an option that is a share, 0 to 1
 
 
 def check_settings(settings: Any) -> tuple[str, ...]:
-    """The hidden effects of the settings, without `none`.
+    """Check all settings that are options, and return the hidden effects without `none`.
 
-    Raises SimulationError that names the setting, what was given, and what was expected.
+    settings: `DriveSettings` or `RigSettings`. Raises SimulationError for a value that is not allowed.
     """
     for name, option in options_of(type(settings)).items():
         value, within = getattr(settings, name), option.within
@@ -104,7 +99,10 @@ def check_settings(settings: Any) -> tuple[str, ...]:
 
 
 def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
-    """Return the effects without `none`; raise `SimulationError` for unknown ones."""
+    """Check effects as typed (`NAME` or `NAME=SIZE`), and return them without `none`.
+
+    Raises SimulationError for one that is unknown, given twice, or given together with `none`.
+    """
     asked = [Asked.of(text) for text in texts]
     for name, column, _ in asked:
         if column in _CONTRACT_COLUMNS:
@@ -124,7 +122,7 @@ def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
 
 
 class Asked(NamedTuple):
-    """A requested hidden effect.
+    """A hidden effect as asked for by its text, `NAME` or `NAME=SIZE`.
 
     Attributes
     ----------
@@ -133,7 +131,7 @@ class Asked(NamedTuple):
     column
         The extra column that drives it; None if it has none.
     size
-        Its size, in the SI unit of its formula; None if it is to be drawn.
+        Its amplitude, in the SI unit of its formula; None if it is to be drawn.
     """
 
     name: str
@@ -162,7 +160,10 @@ class Asked(NamedTuple):
 
 
 def in_drives(text: str) -> bool:
-    """Whether a drive's bag has sensors for what an effect depends on and for what it changes."""
+    """Whether an effect, `NAME` or `NAME=SIZE`, can be in a drive.
+
+    A drive's bag lacks sensors for what some effects depend on or change.
+    """
     name, column, _ = Asked.of(text)
     if column is not None:
         return False
@@ -171,40 +172,43 @@ def in_drives(text: str) -> bool:
 
 
 def extra_column(column: str) -> tuple[str, float, float]:
-    """Unit of an extra column in the header, empty for a pure number, and its range."""
+    """Unit of an extra column (empty for a pure number), its lowest and its highest value, in that unit."""
     return _KNOWN_COLUMNS.get(column, ("", 0.5, 1.5))
 
 
 def draw_effects(
     hidden: Sequence[str], rng: np.random.Generator, strength: float = 1.0
 ) -> tuple[HiddenEffect, ...]:
-    """Draw the numbers of the named effects, in that order.
+    """Draw the amplitudes and other numbers of hidden effects.
 
     Parameters
     ----------
     hidden
-        Effects as typed on the command line: `NAME` or `NAME=SIZE`.
+        Effects as typed on the command line: `NAME` or `NAME=SIZE`, the amplitude in its formula's SI unit.
     rng
         Random number generator for the draws.
     strength
-        Factor on the typical amplitudes, 1.
+        Factor on the typical amplitudes; it does not change an amplitude that is given.
 
     Returns
     -------
     tuple of HiddenEffect
-        In the order of `hidden`.
+        In the order of `hidden`, `none` left out.
 
     Raises
     ------
     SimulationError
-        If an effect is unknown or asked for wrongly.
+        If an effect is unknown, given twice, or given together with `none`.
     """
     texts = check_hidden(hidden)
     return tuple(_drawn(Asked.of(text), rng, strength) for text in texts)
 
 
 def _drawn(asked: Asked, rng: np.random.Generator, strength: float) -> HiddenEffect:
-    """Draw an effect of about the typical size (within 15 %), or of that size and its numbers."""
+    """Draw the numbers of one effect; the amplitude within 15 % of the typical one unless it is given.
+
+    Where another number of the effect is drawn, the amplitude is exactly the typical one times `strength`.
+    """
     name, column, size = asked
     law = EFFECTS[name] if column is None else OF_COLUMN
     amplitude = strength * law.typical
@@ -232,7 +236,7 @@ SENSORS = Sensors(
 
 @dataclass(frozen=True)
 class Stretch:
-    """A soil from `start` (m along the path) to the next stretch."""
+    """A soil from `start` (m along the path) to the start of the next stretch."""
 
     start: float
     soil: TruthSoil
@@ -240,12 +244,37 @@ class Stretch:
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """What drive to simulate: the options of `smallwheel simulate drive`.
+    """Settings of a simulated drive: the options of `smallwheel simulate drive`, and a few for Python only.
 
-    The same seed gives the same drive, to the byte. `wheels` may be a rover of your own; `stretches`,
-    if given, replace `terrain`; `sensors` may be your own too, with noise and share of outliers from
-    the settings. After `distance`, a `finish` gets the rover stuck: a slope that steepens, or slippery
-    ground. With dropouts above 0 one wheel's sinkage is also missing for 1.5 s.
+    The same settings give the same drive, to the byte.
+
+    Attributes
+    ----------
+    seed
+        Selects the random numbers, 0 or more.
+    distance, speed
+        Distance to drive, m, and mean speed, m/s.
+    wheels
+        Name of a rover of `ROVERS`, or a rover of your own.
+    terrain
+        `single` soil, or `mixed`: three in turn.
+    stretches
+        Soils of your own, in place of `terrain`; None for none.
+    sensors
+        Sensors of the rover; their `noise_factor` and `outliers` are replaced by `noise` and `outliers`.
+    finish
+        Ground after the distance on which the rover gets stuck: a steepening `slope`, `slippery`, or `none`.
+    hidden
+        Hidden effects, each `NAME` or `NAME=SIZE`.
+    strength
+        Factor on the amplitudes of hidden effects whose size is not given.
+    noise
+        Factor on the noise of every sensor.
+    outliers
+        Share of sinkages that are grossly wrong, 0 to 0.5.
+    dropouts
+        Share of load and sinkage messages that are missing, 0 to 0.9; above 0 one wheel's sinkage is also
+        missing for 1.5 s.
     """
 
     seed: Seed = 0
@@ -271,9 +300,9 @@ class DriveSettings:
     ] = 0.01
 
     def check(self) -> DriveSettings:
-        """Return the settings without `none` among the hidden effects.
+        """Check the settings, and return them without `none` among the hidden effects.
 
-        Raises SimulationError, naming the setting, what it was, and what was expected.
+        Raises SimulationError, which names the setting, its value, and what was expected.
         """
         hidden = check_settings(self)
         for name in hidden:
@@ -300,13 +329,31 @@ CHANNELS = {
 
 @dataclass(frozen=True)
 class RigSettings:
-    """What table to simulate: the options of `smallwheel simulate rig`.
+    """Settings of a simulated table of rig measurements: the options of `smallwheel simulate rig`.
 
-    The same seed gives the same table, to the byte. A hidden effect can carry its size:
-    ``"load_offset=-4"``. A run is one setting of everything, its rows are repeats of it. Noise and
-    scatter are standard deviations: of the channels, relative (their small absolute noise and the
-    errors of measured load, slip and speed grow with it), and of ln k from run to run. A tie drives
-    two settings together, r about 0.99.
+    The same settings give the same table, to the byte.
+
+    Attributes
+    ----------
+    seed
+        Selects the random numbers, 0 or more.
+    hidden
+        Hidden effects, each `NAME` or `NAME=SIZE`: ``"load_offset=-4"``.
+    strength
+        Factor on the amplitudes of hidden effects whose size is not given.
+    runs, rows_per_run
+        Number of runs, each at one value of every setting, and of rows in each, which repeat it.
+    noise
+        Standard deviation of each channel's noise over its value; the channels' small absolute noise and the
+        errors of measured load, slip and speed are proportional to it.
+    soil_scatter
+        Standard deviation of ln k from run to run.
+    channels
+        Measured quantities, names of `CHANNELS`.
+    tie
+        Two settings that are varied together, with a correlation of about 0.99; empty for none.
+    outliers
+        Share of rows in which one channel is grossly wrong, 0 to 0.5.
     """
 
     seed: Seed = 0
@@ -335,9 +382,9 @@ class RigSettings:
     ] = 0.0
 
     def check(self) -> RigSettings:
-        """Return the settings without `none` among the hidden effects.
+        """Check the settings, and return them without `none` among the hidden effects.
 
-        Raises SimulationError, naming the setting, what it was, and what was expected.
+        Raises SimulationError, which names the setting, its value, and what was expected.
         """
         hidden = check_settings(self)
         wrong = [name for name in self.channels if name not in CHANNELS]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steered wheels: which way they point, and how far each travels when the vehicle moves.
+"""Steered wheels: their angles, and the distance that each travels when the vehicle moves.
 
-Every wheel is turned square to the point that the vehicle turns about. A bend changes slowly; a
-wheel that has to turn far is turned while the vehicle stands.
+Every wheel is turned at right angles to the line to the point about which the vehicle turns. The curvature
+of the path changes slowly; a wheel that has to turn by a large angle is turned while the vehicle stands.
 """
 
 from __future__ import annotations
@@ -14,13 +14,28 @@ import numpy as np
 from smallwheel_ros.simulate.truth import Array
 from smallwheel_ros.simulate.world import SimulatedRover
 
-_BEND_RATE = 0.25  # 1/m in a second, by which a bend changes
-_RATE = 0.8  # rad/s, of a steering motor
-_FAR = 0.1  # rad: what is further off is turned at rest
+_BEND_RATE = 0.25  # 1/m per second: fastest change of the path's curvature
+_RATE = 0.8  # rad/s: speed of a steering motor
+_FAR = 0.1  # rad: a wheel further from its wanted angle is turned while the vehicle stands
 
 
 class SteeredWheels:
-    """Angles of a rover's wheels (rad, positive to the left), and the vehicle's course `crab` (rad)."""
+    """The steering of a rover over time.
+
+    Parameters
+    ----------
+    rover
+        The rover; its wheels begin straight ahead.
+
+    Attributes
+    ----------
+    angle
+        Angle of each wheel from straight ahead, rad, positive to the left, shape (wheels,).
+    bend
+        Curvature of the path, 1/m, positive to the left.
+    crab
+        Angle of the vehicle's course to the left of its heading, rad.
+    """
 
     def __init__(self, rover: SimulatedRover) -> None:
         self.x, self.y = (np.array([getattr(w, axis) for w in rover.wheels]) for axis in "xy")
@@ -30,21 +45,21 @@ class SteeredWheels:
         self.bend = self.crab = 0.0
 
     def bent(self, rim: float, turning: float, tick: float) -> float:
-        """Limit the rate of turning in a tick, as the curvature of the path cannot change at once.
+        """Change the path's curvature towards the commanded one, no faster than 0.25 1/m per second.
 
         Parameters
         ----------
         rim
-            Commanded speed of the rims, m/s; at 0 the rate is not limited.
+            Commanded speed of the rims, m/s, negative backward; at 0 the rate of turning is not limited.
         turning
-            Commanded rate of turning, rad/s.
+            Commanded rate of turning, rad/s, positive to the left.
         tick
-            Length of the tick, s.
+            Length of the time step, s.
 
         Returns
         -------
         float
-            Rate of turning that is reached, rad/s.
+            Rate of turning that is reached in this step, rad/s.
         """
         if not rim:
             return turning
@@ -53,23 +68,25 @@ class SteeredWheels:
         return self.bend * rim
 
     def turn_to(self, rim: float, turning: float, crab: float, tick: float) -> bool:
-        """Turn the wheels by one tick towards the angles that a speed and a rate of turning need.
+        """Turn the wheels for one time step towards the angles that a motion of the vehicle needs.
+
+        Where no wheel is off by more than 0.1 rad all take their angles at once, else at 0.8 rad/s at most.
 
         Parameters
         ----------
         rim
             Speed of the rims, m/s.
         turning
-            Rate of turning, rad/s.
+            Rate of turning, rad/s, positive to the left. Without speed and turning the wheels stay.
         crab
-            Course of the vehicle from its heading, rad.
+            Angle of the vehicle's course to the left of its heading, rad, which is kept.
         tick
-            Length of the tick, s.
+            Length of the time step, s.
 
         Returns
         -------
         bool
-            Whether the wheels stand near enough to their angles for the rover to drive.
+            Whether the wheels have their angles, so that the rover may drive.
         """
         self.crab = crab
         if not rim and not turning:
@@ -83,30 +100,30 @@ class SteeredWheels:
         return ready
 
     def velocities(self, speed: float, rate: float) -> Array:
-        """Velocities of the wheels' places, ahead and to the left.
+        """Velocities of the points where the wheels are mounted.
 
         Parameters
         ----------
         speed
-            Speed along the course, m/s.
+            Speed along the course `crab`, m/s.
         rate
-            Rate of turning, rad/s.
+            Rate of turning, rad/s, positive to the left.
 
         Returns
         -------
         ndarray
-            Shape (2, wheels), m/s.
+            Components ahead and to the left in base_link, shape (2, wheels), m/s.
         """
         ahead = speed * math.cos(self.crab) - rate * self.y
         return np.stack([ahead, speed * math.sin(self.crab) + rate * (self.x - self.pivot)])
 
     @property
     def share(self) -> Array:
-        """Distance that each wheel travels along its heading for a metre of the vehicle along its course."""
+        """Travel of each wheel along its heading per metre of the vehicle along its course, (wheels,)."""
         return np.asarray(np.cos(self.angle - self.crab))
 
     @property
     def lever(self) -> Array:
-        """Distance that each wheel travels along its heading while the vehicle turns by a radian, m."""
+        """Travel (m) of each wheel along its heading per radian of turning to the left, shape (wheels,)."""
         ahead, left = np.cos(self.angle), np.sin(self.angle)
         return np.asarray((self.x - self.pivot) * left - self.y * ahead)

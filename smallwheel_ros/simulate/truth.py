@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The truth: rigid wheels in truth soils, with numerics and a composition of its own.
+"""The truth: rigid wheels in soils, with numerics and composition independent of the library's model.
 
 No code is shared with the library's model, so that a fit of the model to simulated data is a test
 and not a mirror. What truth and model still share are assumptions:
 
 - the law of the untouched soil, pressure p = k z^n D^m, the one that the library claims to know,
   and with it the load that a rigid wheel's front arc carries: without hidden effects both solve
-  the same equation, each in its way, and compaction resistance is then the work of that pressure;
+  the same equation by different means, and compaction resistance is then the work of that pressure;
 - shear does not carry load: vertical balance is that of the normal stress alone;
 - Janosi and Hanamoto's law of shear, here along the arc, there on the contact's length as a whole;
 - one wheel at a time, steady, with one slip and one load.
 
-What is not shared is how effects come in. The library lets them act in stages: a factor on k, a
+The action of effects is not shared. The library lets them act in stages: a factor on k, a
 change of the sinkage after the solve, a term added to the compaction work. Here they change the
-stress at the points of the contact (`hidden`, `wheel_laws`), by quantities that a point has of its own: how
-far soil was carried along under the wheel, how fast it is pressed, what an earlier pass left of it.
-Sinkage and resistance both come out of the one stress. A library's law of sinkage over slip is
-therefore never exactly right, nor is the resistance that it adds to it.
+stress at each point of the contact (`hidden`, `wheel_laws`) by the state of the soil there: the distance
+that the rim carried it along, the speed at which it is pressed, the change that an earlier pass left.
+Sinkage and resistance both follow from this one stress. A law of sinkage over slip in the library is
+therefore never exactly right, nor is the resistance that it adds.
 
 Numerics: Simpson's rule over the arc and bracketing, where the library has a series, Gauss nodes and
 Newton steps. A stress is any function of the points of the contact; forces are its components over
@@ -39,10 +39,10 @@ Places = NDArray[np.intp]  # indices
 # Pressure (Pa) at a depth (m); both of shape (rows, nodes).
 PressureLaw = Callable[[Array], Array]
 
-# 65 points on the stretched arc: within 4e-6 of adaptive quadrature for n 0.2 to 2.2.
+# Points on the arc, closer together near the entry: within 4e-6 of adaptive quadrature for n 0.2 to 2.2.
 _NODES = 65
 _ITERATIONS = 60
-# Of `soil_of_pressure`.
+# m: depth and diameter at which `soil_of_pressure` takes the pressure.
 _REFERENCE_SINKAGE, _REFERENCE_DIAMETER = 0.01, 0.25
 
 
@@ -79,19 +79,19 @@ class Contact:
 
     @classmethod
     def at(cls, diameter: Array, sinkage: Array, rut: Array | None = None) -> Contact:
-        """Lay the points; z^n has an infinite slope or curvature where the wheel enters.
+        """Place the points of the contact at a sinkage, closer together towards the entry.
 
-        With theta = theta_0 (1 - u^3) the integrand goes to zero like u^(3n+2) there, which suits
-        Simpson's rule for every n that soils have.
+        At the entry z^n has an infinite slope or curvature. With theta = theta_0 (1 - u^3) and even steps of
+        u the integrand goes to zero like u^(3n+2) there, which suits Simpson's rule for every soil's n.
 
         Parameters
         ----------
         diameter
             Shape (rows,), m.
         sinkage
-            Shape (rows,), m, below the soil in front of the wheel.
+            Depth of the lowest point below the surface in front of the wheel, shape (rows,), m.
         rut
-            Depth of the rut that earlier wheels left, shape (rows,), m; none if not given.
+            Depth of the rut that earlier passes left, shape (rows,), m; 0 if not given.
 
         Returns
         -------
@@ -115,18 +115,23 @@ class Contact:
 
     @property
     def passed(self) -> Array:
-        """Share of the contact's length that soil has passed under: 0 at the entry, 1 at the lowest point."""
+        """Share of the contact's length that the soil at each point has passed, shape (rows, nodes).
+
+        0 at the entry, 1 at the lowest point.
+        """
         length = np.maximum(np.sin(self.entry), 1e-12)[:, None]
         share: Array = 1.0 - np.sin(self.angle) / length
         return share
 
     def upward(self, stress: Array, width: Array) -> Array:
-        """Vertical component (N) of a stress (Pa) on these points.
+        """Integrate stress times cos(angle) over the arc: of a normal stress, the load that it carries.
+
+        Of a shear stress along the rim it is the thrust.
 
         Parameters
         ----------
         stress
-            Shape (rows, nodes), Pa.
+            Stress at each point, shape (rows, nodes), Pa.
         width
             Shape (rows,), m.
 
@@ -138,12 +143,12 @@ class Contact:
         return self.along(stress * np.cos(self.angle), width)
 
     def backward(self, stress: Array, width: Array) -> Array:
-        """Horizontal component (N) of a stress (Pa) on these points.
+        """Integrate stress times sin(angle) over the arc: of a normal stress, the resistance to motion.
 
         Parameters
         ----------
         stress
-            Shape (rows, nodes), Pa.
+            Stress at each point, shape (rows, nodes), Pa.
         width
             Shape (rows,), m.
 
@@ -155,12 +160,12 @@ class Contact:
         return self.along(stress * np.sin(self.angle), width)
 
     def along(self, stress: Array, width: Array) -> Array:
-        """Sum (N) along the arc of a stress (Pa) on these points: its torque over the radius.
+        """Integrate a stress over the arc: of a shear stress, its torque over the radius.
 
         Parameters
         ----------
         stress
-            Shape (rows, nodes), Pa.
+            Stress at each point, shape (rows, nodes), Pa.
         width
             Shape (rows,), m.
 
@@ -190,7 +195,7 @@ def sinkage_under(load: Array, diameter: Array, carried: Callable[[Array], Array
     Returns
     -------
     ndarray
-        Sinkage, shape (rows,), m; NaN where it would reach the axle.
+        Sinkage, shape (rows,), m; NaN where the wheel would sink to its axle.
     """
 
     def excess(log_sinkage: Array) -> Array:
@@ -209,21 +214,20 @@ def bracketed_root(
 ) -> Array:
     """Find the zeros of rising functions, one for each element, by regula falsi (Illinois rule).
 
-    Never leaves the bracket; returns its nearer end if a function has no zero in it.
-
     Parameters
     ----------
     function
-        Rising in its argument, each element independent of the others, shape (n,).
+        Takes and returns shape (n,); each element rises with its argument, independent of the others.
     low, high
         Ends of the brackets, shape (n,).
     tolerance
-        Change of the root at which the iteration ends, in units of the argument.
+        Change of the root below which the iteration ends, in the unit of the argument.
 
     Returns
     -------
     ndarray
-        Shape (n,).
+        Zeros within the brackets, shape (n,); for a function without one, `low` where it is positive
+        throughout, `high` where it is negative.
     """
     at_low, at_high = function(low), function(high)
     below, above = at_high <= 0, at_low >= 0
@@ -237,7 +241,7 @@ def bracketed_root(
         middle = np.where(np.isfinite(middle), np.clip(middle, low, high), (low + high) / 2)
         value = function(middle)
         up = value > 0
-        # The end that stayed twice counts half, so that it moves at last.
+        # The value at an end that stayed twice is halved, so that this end moves, too.
         at_low = np.where(up & (side == 1), at_low / 2, at_low)
         at_high = np.where(~up & (side == -1), at_high / 2, at_high)
         high, at_high = np.where(up, middle, high), np.where(up, value, at_high)
@@ -248,7 +252,7 @@ def bracketed_root(
     return np.where(below, last, np.where(above, first, middle))
 
 
-# --- Soil, circumstances, and what depth alone carries
+# --- Soil, circumstances, and the load that depth alone carries
 
 
 @dataclass(frozen=True)
@@ -260,13 +264,14 @@ class TruthSoil:
     name
         Name of the soil.
     k, n, m
-        Constants of p = k z^n D^m; k in Pa/m^(n+m), n and m 1.
+        Constants of the pressure p = k z^n D^m at depth z under a wheel of diameter D; k in Pa/m^(n+m), n and
+        m 1.
     cohesion, friction_angle
-        Pa, rad.
+        Shear strength c + p tan(phi): Pa, rad.
     shear_deformation
-        Janosi and Hanamoto's K, m.
+        K of Janosi and Hanamoto (1961), m.
     unit_weight
-        N/m^3.
+        Weight of the soil, N/m^3.
     """
 
     name: str
@@ -280,23 +285,23 @@ class TruthSoil:
 
 
 def soil_of_pressure(name: str, pressure: float, n: float, m: float, **rest: float) -> TruthSoil:
-    """Make a soil from its pressure at 10 mm sinkage of a wheel of 0.25 m diameter.
+    """Make a soil from its pressure at a depth of 10 mm under a wheel of 0.25 m diameter.
 
     Parameters
     ----------
     name
         Name of the soil.
     pressure
-        Pa.
+        That pressure, Pa.
     n, m
-        Exponents of sinkage and of diameter, 1.
+        Exponents of depth and of diameter, 1.
     **rest
         Further fields of `TruthSoil`, SI units.
 
     Returns
     -------
     TruthSoil
-        Its k makes k z^n D^m that pressure.
+        With the k at which k z^n D^m is that pressure.
     """
     k = pressure / (_REFERENCE_SINKAGE**n * _REFERENCE_DIAMETER**m)
     return TruthSoil(name, k, n, m, **rest)
@@ -304,10 +309,28 @@ def soil_of_pressure(name: str, pressure: float, n: float, m: float, **rest: flo
 
 @dataclass(frozen=True)
 class Circumstances:
-    """Under which conditions wheels roll; arrays of shape (rows,), SI units and radians.
+    """Conditions under which wheels roll; arrays of shape (rows,); make them with `Circumstances.of`.
 
-    Slip is 1 - v/(r omega) when driven and r omega/v - 1 when skidding. `covariates` holds what
-    else is recorded, `hidden` what is not, -1 .. 1.
+    Attributes
+    ----------
+    load
+        N.
+    diameter, width
+        m.
+    slip
+        1 - v/(r omega) when driven, r omega/v - 1 when skidding (negative).
+    speed
+        Speed of travel, m/s.
+    pass_number
+        1 on fresh soil.
+    slip_angle
+        rad.
+    grouser_height
+        m.
+    hidden
+        Value of a variable that is not recorded, -1 to 1.
+    covariates
+        Further recorded columns by name.
     """
 
     load: Array
@@ -323,10 +346,10 @@ class Circumstances:
 
     @classmethod
     def of(cls, /, **settings: Any) -> Circumstances:
-        """Broadcast numbers and arrays to one length; what is not given has its default.
+        """Make circumstances from numbers and arrays by name, broadcast to shape (rows,).
 
-        The defaults are no slip, 0.1 m/s, fresh soil, no slip angle, no grousers, and the middle of hidden
-        variables. A name that is not an attribute is a covariate.
+        Load, diameter and width are needed; speed defaults to 0.1 m/s, pass_number to 1, all else to 0. A
+        name that is not an attribute is a covariate.
         """
         plain = {"slip": 0.0, "speed": 0.1, "pass_number": 1.0}
         plain |= {"slip_angle": 0.0, "grouser_height": 0.0, "hidden": 0.0}
@@ -340,14 +363,14 @@ class Circumstances:
         return cls(**{name: arrays.pop(name) for name in names}, covariates=arrays)
 
     def rows(self, rows: Places) -> Circumstances:
-        """Return some of the rows."""
+        """Return the rows of these indices."""
         arrays = dict(vars(self))
         extra = {name: values[rows] for name, values in arrays.pop("covariates").items()}
         return Circumstances(**{n: values[rows] for n, values in arrays.items()}, covariates=extra)
 
 
 def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Array) -> Array:
-    """Compute the load that a soil whose pressure depends on depth alone carries at a sinkage.
+    """Compute the load that soil carries at a sinkage, where its pressure depends on depth alone.
 
     Parameters
     ----------
@@ -366,7 +389,7 @@ def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Arr
 
 
 def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
-    """Find the sinkage at which the soil carries the load.
+    """Find the sinkage at which soil carries the load, where its pressure depends on depth alone.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a vehicle in time on the ground of a world: its wheels, and whether it gets stuck.
+"""Motion of a vehicle in time on the ground of a world, until the end of its route or until it gets stuck.
 
-Rims are commanded. Each wheel has its own sinkage, from its load and from what its rim has dug over
-time: a wheel that slips digs, and climbs out only by travelling on. The speed follows from the
-balance of all wheels with inertia. A differential gives both wheels of an axle the same torque, so
-that the lighter one spins.
+The speeds of the rims are commanded. Each wheel has its own sinkage, from its load and from the soil that
+its rim has dug away over time: a wheel that slips digs, and climbs out only by travelling on. The speed
+follows from the forces of all wheels and inertia. A differential gives both wheels of an axle the same
+torque, so that the lighter one spins.
 """
 
 from __future__ import annotations
@@ -25,14 +25,16 @@ from smallwheel_ros.simulate.world_ground import CELL, Frame, TrueGround, TrueSo
 # 2025-06-12 09:30:00 UTC: drives start at one fixed instant, so that a seed gives the same bytes.
 EPOCH = 1_749_720_600 * 10**9  # ns
 TICK = 0.04  # s
-STUCK = 0.8  # slip that the vehicle does not get over
+STUCK = 0.8  # mean slip over which a vehicle counts as spinning
 REFERENCE_SLIP = 0.4
-_LASTS = 0.5  # s that it slips so for before it is stuck
-_LONGEST, _SLOWEST = 900.0, 0.2  # s, or at this share of the speed, until a leg is given up
-_HARDLY = 0.35  # mean slip at speed over which a vehicle has not got over its ground with ease
-_STEPS = np.linspace(-1.0, 1.0, 25)  # of what a speed may change by in a tick
-_GAIN = 6.0  # m/s^2, most by which a speed may change
-_TORQUE_GAIN = 5.0  # m/s^2, by which rims of a differential part for a torque of a load at the rim
+_LASTS = 0.5  # s of spinning after which it is stuck
+# A leg is given up after so many seconds, or the time that it takes at this share of the speed if longer.
+_LONGEST, _SLOWEST = 900.0, 0.2
+_HARDLY = 0.35  # mean slip at full speed over which the ground was hard to cross
+_STEPS = np.linspace(-1.0, 1.0, 25)  # candidate changes of speed, over the largest in a tick
+_GAIN = 6.0  # m/s^2, largest change of the speed
+# m/s^2 by which rims of a differential diverge per difference of their torques (over radius and mean load).
+_TORQUE_GAIN = 5.0
 _LEAVING = 0.5  # diameters over which a wheel climbs out of what it dug
 _LOWEST, _RATIO = math.log(DEPTHS[0]), math.log(DEPTHS[1] / DEPTHS[0])
 _HARD_RESISTANCE, _HARD_GRIP, _HARD_STIFF = 0.02, 0.7, 0.03  # on hard ground
@@ -44,20 +46,28 @@ class Truth:
 
     Attributes
     ----------
-    place, path
-        Place along the course, and distance travelled, m.
-    rate
-        Yaw rate, rad/s.
+    time
+        s since the start of the drive, one value for each `TICK`.
+    path, place
+        Distance travelled, and place along the route, m; the latter falls when driving backward.
+    speed, rate
+        Speed along the course, m/s, negative backward; yaw rate, rad/s.
+    yaw, climb, roll
+        Angles of the vehicle, rad, positive to the left, nose up, left side up.
     rim, slip
-        m/s, 1; slip is NaN where a rim stands.
+        Of each wheel: speed of the rim, m/s; slip, NaN where the rim stands.
+    sinkage
+        Of each wheel, m; 0 on hard ground.
     load, thrust, resistance, torque
-        N, N, N, N m.
+        Of each wheel: N, N, N, N m.
     held
-        Pull of each wheel at the reference slip, N.
+        Pull of each wheel at the reference slip, 0.4, N.
+    steering
+        Angle of each wheel to the left of straight ahead, rad.
+    crab
+        Angle of the course to the left of the vehicle's heading, rad.
     stuck
         Time at which slip has been over 0.8 for half a second and stays so, s; None if never.
-    steering, crab
-        Angle of each wheel, and of the course, to the left of the heading, rad.
     """
 
     time: Array
@@ -86,33 +96,33 @@ class Truth:
         Parameters
         ----------
         time
-            Shape (times,), s.
+            The other times, shape (rows,), s.
         values
-            Values at the truth's own times, shape (rows,) or (rows, wheels).
+            Values at the times of the truth, shape (times,) or (times, wheels).
 
         Returns
         -------
         ndarray
-            Shape (times,) or (times, wheels), in the unit of `values`.
+            Shape (rows,) or (rows, wheels), in the unit of `values`.
         """
         if values.ndim == 1:
             return np.interp(time, self.time, values)
         return np.stack([self.at(time, of_wheel) for of_wheel in values.T], axis=1)
 
     def felt(self, time: Array, lean: Array | tuple[float, float] = (0.0, 0.0)) -> Array:
-        """Specific force that an IMU measures.
+        """Specific force that an IMU without noise measures.
 
         Parameters
         ----------
         time
-            Shape (times,), s.
+            Times of the readings, shape (rows,), s.
         lean
             Error of its mounting, nose up and left side up, rad.
 
         Returns
         -------
         ndarray
-            Ahead, left, up; shape (times, 3), m/s^2.
+            Components along the course, to its left, and up; shape (rows, 3), m/s^2.
         """
         climb, roll = self.at(time, self.climb), self.at(time, self.roll)
         turning = self.at(time, self.speed) * self.at(time, self.rate)
@@ -121,41 +131,41 @@ class Truth:
         return np.stack([ahead, left, GRAVITY * np.cos(climb) * np.cos(roll)], axis=1)
 
     def travel(self, rover: SimulatedRover, wheel: int) -> Array:
-        """Compute the speed of a wheel's place along the wheel's heading.
+        """Compute the speed at which a wheel travels along its own heading.
 
         Parameters
         ----------
         rover
             The rover that drove.
         wheel
-            Number of the wheel.
+            Index of the wheel in `rover.wheels`.
 
         Returns
         -------
         ndarray
-            Shape (rows,), m/s.
+            Shape (times,), m/s, negative backward.
         """
         own, angle = rover.wheels[wheel], self.steering[:, wheel]
         lever = (own.x - rover.pivot) * np.sin(angle) - own.y * np.cos(angle)
         return np.asarray(np.cos(angle - self.crab) * self.speed + lever * self.rate)
 
     def aside(self, rover: SimulatedRover) -> Array:
-        """Speed of base_link to the left, m/s."""
+        """Speed of base_link to the left, m/s, shape (times,). rover: the rover that drove."""
         return np.asarray(np.sin(self.crab) * self.speed - self.rate * rover.pivot)
 
     @property
     def pull(self) -> Array:
-        """Drawbar pull of each wheel, N."""
+        """Drawbar pull of each wheel, thrust less resistance, N, shape (times, wheels)."""
         return self.thrust - self.resistance
 
     @property
     def acceleration(self) -> Array:
-        """Rate of change of the speed, m/s^2."""
+        """Rate of change of the speed, m/s^2, shape (times,)."""
         return np.asarray(np.gradient(self.speed, self.time))
 
     @property
     def course(self) -> tuple[Array, Array, Array]:
-        """Position in the frame odom: x, y, and height, m."""
+        """Position in the frame odom: x, y, and height, m, shape (times,) each."""
         step = self.speed * TICK
         level, way = step * np.cos(self.climb), self.yaw + self.crab
         parts = level * np.cos(way), level * np.sin(way), step * np.sin(self.climb)
@@ -164,17 +174,20 @@ class Truth:
 
     @property
     def margin(self) -> Array:
-        """Margin of the vehicle: pull of all wheels at the reference slip over the load of all."""
+        """Mobility margin: pull of all wheels at the reference slip over their load, shape (times,)."""
         return np.asarray(self.held.sum(axis=1) / self.load.sum(axis=1))
 
     @property
     def reserve(self) -> Array:
-        """Margin minus the tangent of the slope in the direction of travel."""
+        """Margin less the tangent of the climb (positive nose up), shape (times,)."""
         return np.asarray(self.margin - np.tan(self.climb))
 
     @property
     def middle_slip(self) -> Array:
-        """Slip of the middle wheel, 0 where nothing rolls."""
+        """Median of the wheels' slips (0 for a rim that stands), shape (times,).
+
+        0 where the vehicle stands or turns on the spot, unless its rims spin.
+        """
         known = np.nan_to_num(self.slip)
         turning = np.isnan(self.slip).all(axis=1) | (np.abs(self.speed) < 0.02)
         rolls = np.abs(self.rim).mean(axis=1) > 0.03
@@ -183,7 +196,30 @@ class Truth:
 
 
 class SimulatedVehicle:
-    """Drives the legs of a world's route."""
+    """Drives the legs of a world's route, tick by tick; `truth_of` returns the true values of the drive.
+
+    Parameters
+    ----------
+    world
+        The world: legs, speeds, and the properties of the vehicle.
+    rover
+        The rover.
+    ground
+        The ground, on which `rest` is computed already (`settle`).
+    rng
+        Random number generator for what varies from drive to drive, and for the ripple of the rims' speeds.
+
+    Attributes
+    ----------
+    rows
+        Values of each tick, in the order of the fields of `Truth` without `stuck`.
+    stuck
+        As `Truth.stuck`.
+    failed
+        Whether a leg took too long and was given up.
+    most
+        Largest mean slip at more than 0.9 of the world's speed, 1.
+    """
 
     def __init__(
         self, world: World, rover: SimulatedRover, ground: TrueGround, rng: np.random.Generator
@@ -195,7 +231,7 @@ class SimulatedVehicle:
         self.all = np.arange(len(wheels))
         self.side = (self.y < 0.0).astype(int)
         self.steered = SteeredWheels(rover) if rover.steers else None
-        # What each wheel travels for a metre of the vehicle, and for a radian of its turning.
+        # Travel of each wheel per metre of the vehicle, and per radian of its turning (m).
         self.share: Array = np.ones(len(wheels))
         self.lever: Array = -self.y
         weight = rover.mass * GRAVITY / len(wheels)
@@ -216,10 +252,10 @@ class SimulatedVehicle:
         self.most = 0.0
         self.failed = False
         self.crab = 0.0
-        self.waits = False  # until its wheels point as they have to
+        self.waits = False  # for its wheels to reach their steering angles
         self.dug: Array = np.zeros(self.all.size)
         self.ripple: Array = np.zeros(self.all.size)
-        self.apart: Array = np.zeros(self.all.size)  # m/s, by which rims of a differential differ
+        self.apart: Array = np.zeros(self.all.size)  # m/s, rims of a differential from their mean
         self.gained = 0.0
         tracks = {y: i for i, y in enumerate(dict.fromkeys(self.y.tolist()))}
         self.track = np.array([tracks[y] for y in self.y.tolist()])
@@ -231,7 +267,7 @@ class SimulatedVehicle:
         self._spins = 0
 
     def run(self) -> None:
-        """Stand for 2 s, then leg by leg until the end, or until it is stuck."""
+        """Stand for 2 s, then drive leg by leg until the end, or until it is stuck or has failed."""
         self._stand(2.0)
         for leg in self.world.legs:
             if leg.turn:
@@ -250,7 +286,7 @@ class SimulatedVehicle:
             self.step(0.0, 0.0)
 
     def _drive(self, metres: float, bend: float) -> None:
-        """Drive so far along a bend, or until it is stuck."""
+        """Drive a distance (m, negative backward) along a bend (1/m), or until it is stuck or has failed."""
         sense, rim, begin = math.copysign(1.0, metres), 0.0, self.path
         gain = self.world.ramp * TICK
         until = self.time + max(_LONGEST, abs(metres) / (_SLOWEST * self.world.speed))
@@ -264,14 +300,14 @@ class SimulatedVehicle:
             self.failed = self.time > until
 
     def step(self, rim: float, turning: float) -> None:
-        """Advance by one tick.
+        """Advance by one tick, and append its values to `rows`.
 
         Parameters
         ----------
         rim
-            Commanded speed of the rims, m/s.
+            Commanded speed of the rims, m/s, negative backward.
         turning
-            Commanded rate of turning, rad/s.
+            Commanded rate of turning, rad/s, positive to the left.
         """
         ground, sense = self.ground, -1.0 if rim < 0.0 else 1.0
         cells = ground.cells(self.place + self.x)
@@ -322,7 +358,7 @@ class SimulatedVehicle:
         self._look(rims, sense)
 
     def _steer(self, rim: float, turning: float) -> tuple[float, float]:
-        """Turn the wheels; returns the speed and the rate of turning that they are ready for."""
+        """Turn the wheels; return the rims' speed (m/s) and the rate (rad/s), 0 until they are ready."""
         assert self.steered is not None
         turning = self.steered.bent(rim, turning, TICK)
         self.waits = not self.steered.turn_to(rim, turning, self.crab, TICK)
@@ -336,7 +372,7 @@ class SimulatedVehicle:
         return np.zeros(self.all.size) if self.steered is None else self.steered.angle
 
     def _count_passes(self, cells: NDArray[np.intp]) -> None:
-        """How often each wheel's place was rolled over before."""
+        """Update `passes`, the number of earlier passes over the cell of each wheel, shape (wheels,)."""
         fresh = cells != self.last_cells
         for j in np.flatnonzero(fresh):
             self.passes[j] = self.rolled[self.track[j], cells[j]]
@@ -346,7 +382,7 @@ class SimulatedVehicle:
         self.last_cells = cells
 
     def _depth(self, cells: NDArray[np.intp], load: Array) -> Array:
-        """Sinkage of each wheel, m: of its load, in ruts, and what it dug."""
+        """Sinkage of each wheel, m, (wheels,): due to its load (N) and to ruts, and the depth that it dug."""
         ground, j = self.ground, self.all
         power = 1.0 / (ground.exponent[j, cells] + 0.5)
         rest = ground.rest[j, cells] * (load / ground.load[j, cells]) ** power
@@ -354,14 +390,14 @@ class SimulatedVehicle:
         return np.asarray(np.minimum(rest + self.dug, DEPTHS[-1] * self.diameter))
 
     def _dive(self, cells: NDArray[np.intp]) -> float:
-        """What bumps tilt the vehicle by, rad."""
+        """Angle by which bumps tilt the vehicle, rad, positive nose up."""
         if not self.world.bumps:
             return 0.0
         height, front = self.ground.bumps[self.side, cells], self.x > 0.0
         return float((height[front].mean() - height[~front].mean()) / (2.0 * self.x.max()))
 
     def _look(self, rims: Array, sense: float) -> None:
-        """Whether it is stuck."""
+        """Update `stuck` and `most`. rims: speeds, m/s; sense: 1 forward, -1 backward."""
         whole = float(np.mean(rims)) * sense
         spins = whole > 0.03 and self.speed * sense < (1.0 - STUCK) * whole
         if whole > 0.9 * self.world.speed:
@@ -372,7 +408,7 @@ class SimulatedVehicle:
 
     @property
     def hardly(self) -> bool:
-        """Whether it got stuck, or slipped by more than a third."""
+        """Whether it got stuck, or its mean slip at full speed was over 0.35."""
         return self.stuck is not None or self.most > _HARDLY
 
     # --- Forces, over the loads
@@ -385,7 +421,7 @@ class SimulatedVehicle:
         return np.stack([found[w.diameter, w.width] for w in self.rover.wheels])
 
     def _look_up(self, depth: Array, cells: NDArray[np.intp]) -> None:
-        """Curves at the wheels' sinkages."""
+        """Set `now` to the curves at the wheels' sinkages (m) on their soils, shape (3, wheels, slips)."""
         place = (np.log(depth / self.diameter) - _LOWEST) / _RATIO
         low = np.clip(place.astype(int), 0, DEPTHS.size - 2)
         part = np.clip(place - low, 0.0, 1.0)[:, None, None]
@@ -395,7 +431,10 @@ class SimulatedVehicle:
         self.now = found.transpose(1, 0, 2)
 
     def _curve(self, what: int | slice, slips: Array) -> Array:
-        """Values of curves, of those of this tick, between their slips."""
+        """Interpolate this tick's curves to slips, shape (..., wheels); the same shape for one curve.
+
+        what: 0 thrust, 1 resistance, 2 torque over the radius, each over the load; or a slice of these.
+        """
         at = np.interp(slips, SLIPS, np.arange(SLIPS.size))
         low = np.minimum(at.astype(int), SLIPS.size - 2)
         part, of = at - low, self.now[what]
@@ -403,13 +442,13 @@ class SimulatedVehicle:
         return found
 
     def _gripped(self, force: Array, slips: Array, cells: NDArray[np.intp]) -> Array:
-        """A force that shear makes, by the grip of each place; on hard ground by that of the floor."""
+        """A shear force over the load, times the grip of the cells; on hard ground that of the floor."""
         ground, j = self.ground, self.all
         hard = _HARD_GRIP * np.sign(slips) * -np.expm1(-np.abs(slips) / _HARD_STIFF)
         return np.where(ground.floor[j, cells], hard, force * np.exp(ground.grip[j, cells]))
 
     def _forces(self, slips: Array, cells: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Thrust and resistance at slips, shape (candidates, wheels)."""
+        """Thrust and resistance over the load at slips, all of shape (candidates, wheels)."""
         thrust, resistance = self._curve(slice(2), slips)
         dragging = self.dragging + self.ground.dragging[self.all, cells]
         floor = self.ground.floor[self.all, cells]
@@ -417,7 +456,7 @@ class SimulatedVehicle:
         return self._gripped(thrust, slips, cells), resistance
 
     def _torque(self, slips: Array, cells: NDArray[np.intp]) -> Array:
-        """Torque as a force at the rim."""
+        """Torque over radius and load at slips, shape (wheels,)."""
         return self._gripped(self._curve(2, slips), slips, cells)
 
     def _slips(self, speeds: Array, rims: Array, sense: float) -> Array:
@@ -429,7 +468,10 @@ class SimulatedVehicle:
     def _balance(
         self, rims: Array, rate: float, load: Array, cells: NDArray[np.intp], climb: float, sense: float,
     ) -> tuple[float, Array, Array, Array]:  # fmt: skip
-        """Speed after this tick, slips, thrusts and resistances."""
+        """Find the speed after this tick at which forces and inertia balance.
+
+        Returns it (m/s), and slips, thrusts and resistances of the wheels, over their loads, (wheels,).
+        """
         mass, steep = self.rover.mass, self.steep[self.side, cells]
         candidates = self.speed + _GAIN * TICK * _STEPS
         slips = self._slips(candidates[:, None] * self.share + rate * self.lever, rims, sense)
@@ -448,7 +490,7 @@ class SimulatedVehicle:
     def _by_torque(
         self, rims: Array, rate: float, cells: NDArray[np.intp], load: Array, sense: float
     ) -> Array:
-        """Rims of axles with a differential: each wheel's torque is the other's."""
+        """Speeds of the rims (m/s, (wheels,)) of axles with a differential, which approach equal torques."""
         slip = self._slips(self.speed - rate * self.y, rims + self.apart, sense)
         torque = self._torque(slip, cells) * load * sense
         for left, right in self.axles:
@@ -461,12 +503,12 @@ class SimulatedVehicle:
 
 
 def stamps_of(time: Array) -> NDArray[np.int64]:
-    """Stamps (ns since 1970) for times since the beginning of a drive (s)."""
+    """Stamps (ns since 1970) of times since the start of a drive (s); the same shape."""
     return EPOCH + np.round(1e9 * time).astype(np.int64)
 
 
 def truth_of(vehicle: SimulatedVehicle) -> Truth:
-    """True values of a completed drive."""
+    """True values of a vehicle's drive, once it was run."""
     columns: list[Any] = [np.array(column) for column in zip(*vehicle.rows, strict=True)]
     names = [field.name for field in fields(Truth)]
     return Truth(**dict(zip(names, [*columns, vehicle.stuck], strict=True)))

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of what a wheel does to soil, all different from the library's.
+"""Laws of the forces between wheel and soil, all different from the library's.
 
-Curves over depth and slip, for rims: `rim_curves`: Wong and Reece (1967), shear stress by the
-displacement along the whole rim, with the pressure of the depth alone. `peaked_curves`: pressure
-that peaks ahead of the lowest point, shear that falls after its peak, soil that carries less where
-the wheel moved it; by trapezoids. Digging over time is another law (`vehicle`). Wheels in steady
-states: `WheelsOnSoil`, with hidden effects.
+For drives, curves over depth and slip: `rim_curves` (shear stress by the displacement along the whole rim,
+Wong and Reece 1967, with the pressure that the depth alone gives) and `peaked_curves` (pressure that peaks
+ahead of the lowest point, shear stress with a hump over displacement; by trapezoids). Digging over time
+is another law (`vehicle`). For steady states: `response_of` and, with hidden effects, `WheelsOnSoil`.
 """
 
 from __future__ import annotations
@@ -23,14 +22,14 @@ from smallwheel_ros.simulate.truth import Array, Circumstances, Contact, TruthSo
 SLIPS = np.array(
     [-1, -0.7, -0.4, -0.2, -0.1, -0.04, 0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1]
 )
-DEPTHS: Array = np.geomspace(0.003, 0.45, 30).astype(np.float64)  # over the diameter
+DEPTHS: Array = np.geomspace(0.003, 0.45, 30).astype(np.float64)  # sinkages over the diameter
 _NODES = 801
 
 
 class Curves(NamedTuple):
-    """Thrust, resistance and torque by radius, each divided by the load.
+    """Thrust, resistance, and torque over the radius, each divided by the load.
 
-    Shape (depths, slips) each: at sinkages of `DEPTHS` times the diameter, at slips of `SLIPS`.
+    Shape (depths, slips) each: at sinkages of `DEPTHS` times the diameter and slips of `SLIPS`.
     """
 
     thrust: Array
@@ -45,13 +44,13 @@ class RimStrength:
     Attributes
     ----------
     cohesion, friction_angle
-        Pa, rad.
+        c, Pa, and phi, rad.
     shear_deformation
-        K, m.
+        K of Janosi and Hanamoto (1961), m.
     rolling
         Share of the displacement by rolling that shears the soil, 1; a tread that yields takes up the rest.
     residual
-        Shear stress far beyond its peak (Wong 1979), over the peak, 1.
+        Shear stress at large displacements over c + p tan(phi), 1; below 1 it has a peak before (Wong 1979).
     """
 
     cohesion: float
@@ -64,14 +63,16 @@ class RimStrength:
 def rim_curves(
     diameter: float, width: float, load: float, exponent: float, strength: RimStrength
 ) -> Curves:
-    """Compute curves of a wheel whose pressure, of the shape depth^exponent, carries its load at each depth.
+    """Compute curves of a wheel by the displacement along its whole rim (Wong and Reece 1967).
+
+    At each depth the pressure, proportional to depth^exponent, is scaled so that it carries the load.
 
     Parameters
     ----------
     diameter, width
-        m.
+        Size of the wheel, m.
     load
-        N.
+        Load on the wheel, N.
     exponent
         Exponent of depth in the pressure, 1.
     strength
@@ -80,8 +81,7 @@ def rim_curves(
     Returns
     -------
     Curves
-        Thrust, resistance, and torque over the radius, each as a share of the load, by depth and
-        slip.
+        Each of shape (depths, slips).
     """
     depth, slips = DEPTHS * diameter, SLIPS[1:-1]
     contact = Contact.at(np.full(depth.size, diameter), depth)
@@ -109,16 +109,24 @@ def rim_curves(
 
 @dataclass(frozen=True)
 class Sand:
-    """A sand and a rim with true values; SI units.
+    """A sand and a rim of `response_of`, with true values.
 
     Attributes
     ----------
     k
-        Pa/m^n; one for all wheels, or one for each, shape (rows,).
+        K of the pressure K z^n, Pa/m^n; one for all wheels, or one for each, shape (rows,).
+    n
+        Exponent of depth.
+    strength
+        Shear strength.
     rim
-        Friction of a smooth rim over the soil's.
-    dug, skid, lugs
-        Depth that slip digs and that skid ploughs, over the diameter, and that lugs dig, over their height.
+        Friction of a smooth, driven rim over the soil's, 1; with lugs, or skidding, it is 1.
+    dug
+        Depth dug at slip 1, over the diameter.
+    skid
+        Growth of the sinkage to slip -1, over the static sinkage.
+    lugs
+        Depth that lugs dig, over their height: times i / (1.05 - i) at slip i.
     """
 
     k: Array | float
@@ -132,20 +140,20 @@ class Sand:
 
 @dataclass(frozen=True)
 class Stresses:
-    """The shape of the stresses.
+    """The shape of the stresses along the arc of a wheel.
 
     Attributes
     ----------
     peak
-        Where the pressure peaks: c1 and c2 of Wong and Reece.
+        c1 and c2 of Wong and Reece (1967): the pressure peaks at (c1 + c2 |slip|) times the entry angle.
     rear
-        Rear angle, as a share of the entry angle.
+        Angle after the lowest point at which contact ends, over the entry angle.
     moved
-        Share of its pressure that soil dug by the wheel still carries.
+        Pressure of soil that the wheel has dug loose, over that of untouched soil.
     hump
-        Share by which the shear stress falls after its peak.
+        a of the factor 1 + a x e^(1 - x) on Janosi and Hanamoto's shear stress, x the displacement over K.
     bias
-        Error of the pull, as a share of the load.
+        Error that is added to the pull, over the load.
     """
 
     peak: tuple[float, float] = (0.0, 0.0)
@@ -156,7 +164,7 @@ class Stresses:
 
 
 def sinkage_of(sand: Sand, at: Circumstances) -> Array:
-    """Compute the static sinkage of a parabolic contact, and what slip digs and skid ploughs in addition.
+    """Compute the sinkage of wheels: static, of a parabolic contact, and deeper by slip, skid and lugs.
 
     Parameters
     ----------
@@ -203,7 +211,10 @@ def response_of(sand: Sand, at: Circumstances, shape: Stresses) -> tuple[Array, 
 def _forces(
     sand: Sand, at: Circumstances, z: Array, still: Array, shape: Stresses
 ) -> tuple[Array, Array, Array]:
-    """Thrust, resistance (N) and torque (N m) of wheels at a depth."""
+    """Thrust, resistance (N) and torque (N m) of wheels, shape (rows,) each.
+
+    z: sinkage, m; still: sinkage without slip, m. Soil shallower than z - still counts as dug loose.
+    """
     r = 0.5 * at.diameter
     first = np.arccos(1.0 - z / r)[:, None]
     last = -shape.rear * first
@@ -241,14 +252,16 @@ def _forces(
 def peaked_curves(
     diameter: float, width: float, load: float, exponent: float, strength: RimStrength
 ) -> Curves:
-    """Compute curves of a wheel whose pressure peaks ahead, on a soil that loses strength after its peak.
+    """Compute curves of a wheel whose pressure peaks ahead of its lowest point, by the law of `response_of`.
+
+    The shear stress has a hump over displacement; of `strength` rolling and residual are not used.
 
     Parameters
     ----------
     diameter, width
-        m.
+        Size of the wheel, m.
     load
-        N.
+        Load on the wheel, N.
     exponent
         Exponent of depth in the pressure, 1.
     strength
@@ -257,8 +270,7 @@ def peaked_curves(
     Returns
     -------
     Curves
-        Thrust, resistance, and torque over the radius, each as a share of the load, by depth and
-        slip.
+        Each of shape (depths, slips).
     """
     depth, slip = (one.ravel() for one in np.meshgrid(DEPTHS * diameter, SLIPS, indexing="ij"))
     at = Circumstances.of(
@@ -275,23 +287,23 @@ def peaked_curves(
 LAWS = {"rim": rim_curves, "peaked": peaked_curves}
 
 
-# --- Wheels on a soil with effects that are hidden
+# --- Wheels on a soil with hidden effects
 
 
 def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
-    """Compute the shear stress along the arc by Janosi and Hanamoto's law, negative when skidding.
+    """Compute the shear stress along the arc by Janosi and Hanamoto's law (1961), negative when skidding.
 
-    A wheel that has dug itself in still presses on the soil with no more than its load: the normal stress
-    over the longer arc is scaled to that.
+    The normal stress is scaled so that it carries the load, since a wheel that has dug itself in presses on
+    the soil over a longer arc with no more than its load.
 
     Parameters
     ----------
     stress
         Normal stress on the rim, shape (rows, nodes), Pa.
     contact
-        The arc's points.
+        Points of the contact.
     soil
-        The soil's strength, SI units.
+        The soil, whose strength is used.
     at
         Circumstances of the rows.
 
@@ -315,26 +327,47 @@ def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumsta
 class Response(NamedTuple):
     """True values, each of shape (rows,); all are NaN where a wheel sinks to its axle.
 
-    `shown` values are those of an instrument without noise: they differ by the instrument's fault and,
-    for sinkage, by soil that rises again behind the wheel.
+    Attributes
+    ----------
+    depth
+        Depth of the wheel's lowest point below the untouched surface, m.
+    shown_sinkage, shown_resistance
+        m, N: readings without noise. They differ from the true values by faults of the instruments and, for
+        sinkage, by soil that rises again after the wheel.
+    resistance, thrust
+        N.
+    torque
+        Torque at the axle, N m, positive when driven.
     """
 
-    depth: Array  # m, lowest point of the wheel below the untouched surface
-    shown_sinkage: Array  # m
-    resistance: Array  # N
-    shown_resistance: Array  # N
-    thrust: Array  # N
-    torque: Array  # N m, that drives the wheel
+    depth: Array
+    shown_sinkage: Array
+    resistance: Array
+    shown_resistance: Array
+    thrust: Array
+    torque: Array
 
     @property
     def drawbar_pull(self) -> Array:
-        """Thrust less resistance, N."""
+        """Thrust less resistance, N, shape (rows,)."""
         return self.thrust - self.resistance
 
 
 @dataclass(frozen=True)
 class WheelsOnSoil:
-    """Wheels on a soil with effects; `scatter` is a factor on k, for each row or for all."""
+    """Steady states of wheels on a soil with hidden effects.
+
+    Attributes
+    ----------
+    soil
+        The soil.
+    effects
+        Hidden effects, in the order in which they act.
+    at
+        Circumstances of the rows.
+    scatter
+        Factor on k, for each row, shape (rows,), or for all.
+    """
 
     soil: TruthSoil
     effects: Sequence[HiddenEffect]
@@ -363,12 +396,12 @@ class WheelsOnSoil:
         sinkage
             Shape (rows,), m.
         rut
-            Depth of the rut of earlier wheels, shape (rows,), m.
+            Depth of the rut that earlier passes left, shape (rows,), m.
 
         Returns
         -------
         load, resistance : ndarray
-            Shape (rows,), N; the resistance is positive backward.
+            Shape (rows,), N; the resistance is positive backward, without the effects' own resistance.
         """
         diameter, width = self.at.diameter, self.at.width
         contact = Contact.at(diameter, sinkage, rut)
@@ -384,12 +417,15 @@ class WheelsOnSoil:
         return load, resistance
 
     def depth(self, rut: Array) -> Array:
-        """Sinkage (m) under the load; NaN where the wheel sinks to its axle."""
+        """Sinkage (m) under the load, (rows,); NaN where a wheel sinks to its axle. rut: m, (rows,)."""
         at = self.at
         return sinkage_under(at.load, at.diameter, lambda z: self.forces(z, rut)[0])
 
     def rut(self) -> Array:
-        """Depth (m) of the rut that earlier passes of the same wheel under the same load left."""
+        """Depth (m) of the rut that earlier passes of the same wheel under the same load left, (rows,).
+
+        0 without an effect that depends on it.
+        """
         rut = np.zeros(self.at.load.shape)
         if not any(effect.law.in_ruts for effect in self.effects):
             return rut
@@ -406,12 +442,12 @@ class WheelsOnSoil:
         depth
             Sinkage of the rim, shape (rows,), m.
         rut
-            Depth of the rut of earlier wheels, shape (rows,), m; none if not given.
+            Depth of the rut that earlier passes left, shape (rows,), m; 0 if not given.
 
         Returns
         -------
         thrust, torque : ndarray
-            Shape (rows,): N, N m.
+            Shape (rows,): N, N m; negative when skidding.
         """
         diameter, width = self.at.diameter, self.at.width
         contact = Contact.at(diameter, depth, rut)
@@ -419,10 +455,10 @@ class WheelsOnSoil:
         return contact.upward(shear, width), diameter / 2 * contact.along(shear, width)
 
     def response(self) -> Response:
-        """Compute the truth for each row.
+        """Compute the true values of each row.
 
-        At the sinkage the stress over the contact carries the load; the resistance is the horizontal
-        component of the same stress. Bulldozing is added at that depth.
+        At the sinkage, the stress over the contact carries the load; the resistance is the horizontal
+        component of the same stress, and bulldozing at that depth in addition.
         """
         at = self.at
         rut = self.rut()
@@ -445,9 +481,9 @@ class WheelsOnSoil:
         )
 
     def firmness(self) -> float:
-        """Factor by which effects on the stiffness change the load that the soil carries.
+        """Factor by which effects on the soil's stiffness change the load that it carries.
 
-        Taken at the sinkage without them, averaged over the rows.
+        At the sinkage without effects; the mean over the rows.
         """
         fresh = np.zeros(self.at.load.shape)
         depth = replace(self, effects=()).depth(fresh)

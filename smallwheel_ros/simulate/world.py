@@ -5,13 +5,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-Range = tuple[float, float]  # a number is drawn between
+Range = tuple[float, float]  # a number is drawn evenly between the two
 GRAVITY = 9.80665
 
 
 @dataclass(frozen=True)
 class RoverWheel:
-    """One wheel: size and place in base_link (x forward, y left), m; a steered one turns about its middle."""
+    """One wheel of a rover.
+
+    Attributes
+    ----------
+    name
+        AXLE_SIDE, such as `front_left`.
+    diameter, width
+        m.
+    x, y
+        Place in base_link, forward and left, m.
+    steered
+        Whether it is steered, about an axis through its middle.
+    """
 
     name: str
     diameter: float
@@ -23,12 +35,14 @@ class RoverWheel:
 
 @dataclass(frozen=True)
 class SimulatedRover:
-    """Wheels on a rigid frame.
+    """A rover: wheels on a rigid frame.
 
     Attributes
     ----------
+    wheels
+        The wheels.
     mass
-        kg.
+        Mass of the whole rover, kg.
     gravity_x, gravity_y
         Centre of gravity in base_link, m.
     gravity_height
@@ -48,16 +62,20 @@ class SimulatedRover:
 
     @property
     def pivot(self) -> float:
-        """Distance (m) ahead of base_link of the line that cannot move sideways, except when crabbing.
+        """Distance (m) ahead of base_link of the axis about which it turns, which does not move sideways.
 
-        It is the line of the wheels that are not steered; without any it is at base_link.
+        It is the mean axis of the wheels that are not steered; base_link if all are, or none is.
         """
         fixed = [wheel.x for wheel in self.wheels if not wheel.steered]
         return sum(fixed) / len(fixed) if self.steers and fixed else 0.0
 
 
 def wheels_on_axles(*axles: tuple[float, float, float, float]) -> tuple[RoverWheel, ...]:
-    """Wheels of axles from front to rear, each given by place, half of the track, diameter and width, m."""
+    """Wheels of two or three axles, named `front_left`, `front_right`, `rear_left` and so on.
+
+    axles: from front to rear; of each its place ahead of base_link, half of its track, and diameter and width
+    of its wheels, m.
+    """
     names = ("front", "rear") if len(axles) == 2 else ("front", "middle", "rear")
     return tuple(
         RoverWheel(f"{name}_{side}", diameter, width, x, sign * half)
@@ -66,27 +84,27 @@ def wheels_on_axles(*axles: tuple[float, float, float, float]) -> tuple[RoverWhe
     )
 
 
-# Those of `smallwheel simulate drive`. The larger rear wheels run beside the front wheels' ruts: what ruts do
-# is not taken for wheel size.
+# Axles of the rovers of `smallwheel simulate drive`. The larger rear wheels run beside the front wheels'
+# ruts, so that the influence of ruts is not confused with that of the diameter.
 _AXLE = (0.35, 0.28, 0.25, 0.10)
 _SAME, _LARGER = (-0.35, 0.28, 0.25, 0.10), (-0.35, 0.42, 0.40, 0.12)
 _SIX = (0.36, 0.27, 0.20, 0.10), (0.0, 0.31, 0.20, 0.10), (-0.36, 0.27, 0.20, 0.10)
 
 
 def steered(wheels: tuple[RoverWheel, ...], *axles: str) -> tuple[RoverWheel, ...]:
-    """The wheels with those of some axles steered.
+    """Return the wheels of a rover with those of some axles steered.
 
     Parameters
     ----------
     wheels
-        Named AXLE_SIDE.
+        The wheels, named AXLE_SIDE.
     *axles
-        Axles whose wheels are steered.
+        Names of the axles whose wheels are steered: `front`, `middle`, `rear`.
 
     Returns
     -------
     tuple of RoverWheel
-        In the same order.
+        In the same order; wheels of other axles are unchanged.
     """
     return tuple(
         replace(wheel, steered=True) if wheel.name.split("_")[0] in axles else wheel
@@ -94,7 +112,7 @@ def steered(wheels: tuple[RoverWheel, ...], *axles: str) -> tuple[RoverWheel, ..
     )
 
 
-# `six_steered`: as most rovers have it, four of six wheels are steered.
+# `six_steered`: four of six wheels are steered, as on most rovers.
 ROVERS = {
     "four": SimulatedRover(wheels_on_axles(_AXLE, _SAME)),
     "two_sizes": SimulatedRover(wheels_on_axles(_AXLE, _LARGER)),
@@ -106,18 +124,18 @@ ROVERS = {
 
 @dataclass(frozen=True)
 class Leg:
-    """One leg of a route: turn on the spot, drive along a bend, stand.
+    """One leg of a route: turn on the spot, then drive along a bend, then stand.
 
     Attributes
     ----------
     metres
         Distance to drive, m; backward if negative.
     bend
-        Curvature of the path, 1/m.
+        Curvature of the path, 1/m, positive to the left.
     turn
-        Angle to turn on the spot before that, rad.
+        Angle to turn on the spot before that, rad, positive to the left.
     stand
-        Time to stand, s.
+        Time to stand after it, s.
     crab
         Angle of the course to the left of the heading, rad, for a vehicle all of whose wheels are steered.
     """
@@ -131,37 +149,65 @@ class Leg:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What the vehicle measures, how often (Hz) and how well; SI units.
+    """The sensors of a vehicle, and their errors; SI units, noise as standard deviations.
 
     Attributes
     ----------
     sinkage, load, torque, pull
-        Whether it is measured; pull comes as often as load. Without measured loads, the weight is split
-        over the wheels.
+        Whether each is measured; pull (drawbar pull) comes as often as load.
     current
-        Whether torque comes from a motor's current, which is 0 at standstill.
+        Whether torque comes from a motor's current, which has no sign and is 0 at standstill.
     noise_factor
         Factor on all noise.
+    sinkage_noise
+        Constant part of the noise of sinkage, m; another part is 0.03 of the sinkage.
     sinkage_told
-        Part of the stated deviation that is proportional to the sinkage, 1, in addition to the noise; the
-        true one is 0.03.
+        Part of the stated deviation of sinkage that is proportional to it, 1, besides the constant one.
+    sinkage_rate, load_rate, joint_rate, imu_rate
+        Readings per second, Hz; those of wheel speeds, steering and torque have `joint_rate`.
+    zero, gain, zero_drift
+        Errors of sinkage: its zero, m; a factor on it; drift of the zero over the whole drive, m.
+    rough, correlated
+        Errors of sinkage that are correlated over 0.05 m of travel (rough ground), and over 1 s, m.
+    step
+        Resolution of sinkage, m; 0 for none.
+    outliers
+        Share of the readings of sinkage that are gross errors.
+    delay
+        Delay of sinkage, s.
+    rebound
+        Rise of the soil before the sinkage is measured, per pressure under the wheel, m/Pa.
+    pitch_error
+        Error of sinkage per climb of the vehicle, m/rad; it is subtracted.
+    load_noise
+        Relative noise of load; another part is 0.4 N.
     load_scale
-        Factor by which each wheel's cell shows its load; empty: 1.
+        Factor on the load that each wheel's cell shows; empty for 1.
+    tare
+        Error of the load cells' zero, N.
+    torque_scale
+        Deviation of each wheel's factor on torque from 1.
+    friction
+        Friction that the torque of a turning wheel includes, N m.
     encoder_steps
-        Steps in a turn of a wheel.
+        Steps of an encoder per turn of a wheel, of which one is drawn.
     odometry
         `own` comes from camera or lidar, `wheels` from the joints, `filter` from joints and imu, `half`
         from a filter of wheels and camera; `pose` has positions only.
+    odometry_rate
+        Readings per second, Hz, of which one is drawn.
     lag, noise
-        Delay of the odometry, s, and noise of its speed, m/s.
+        Delay of the odometry, s, and noise of its speed, m/s, drawn between the two.
     alike
-        Time over which errors of `own` are correlated, s.
+        Time over which errors of `own` are correlated, s: the first of the two; 0 for independent errors.
+    scale
+        Deviation of the factor on the speed of `own` from 1.
     told
-        Stated deviation of its speed over the true one.
+        Stated deviation of its speed over the true one; 0: not stated.
     pitch
         Whether its orientation has the pitch.
     imu
-        `` none; `level` without faults; `driven` shakes and has no orientation.
+        Empty for none; `level` without faults; `driven` shakes and has no orientation.
     """
 
     sinkage: bool = True
@@ -205,43 +251,57 @@ class Sensors:
 
 @dataclass(frozen=True)
 class World:
-    """The ground and the vehicle of a drive; lengths in m, speeds in m/s, angles in rad.
+    """The route, the ground and the vehicle of a drive.
+
+    Deviations are standard deviations; grip is a factor on the forces of shear.
 
     Attributes
     ----------
+    name
+        Name of the world.
     legs
         Legs of the route.
+    speed, ramp
+        Speed of the rims, m/s, and how it changes at most, m/s^2.
+    turning
+        Rate of turning on the spot, rad/s.
     floor
         Whether all ground is hard.
     law
-        Name of the law of `wheel_laws`.
+        Name of the law of thrust and resistance, in `wheel_laws.LAWS`.
     slope
-        Standard deviation of the slope of the ground's waves, 1.
+        Largest slope of each of two waves, 5 and 11 m long, eastward and northward, rad.
     swing
-        How much load uneven ground shifts from one diagonal to the other, over the usual amount, 1.
+        Factor on the usual share of load (up to 0.24) that uneven ground shifts between the diagonals, 1.
     grip, own_grip, scatter
-        Deviations of ln grip from place to place, of ln grip under each wheel, and of ln k.
+        Deviations of ln grip from place to place, of ln grip of each track in addition, and of ln k.
     drift
-        Standard deviation of the change of ln k over 5 m, by a random walk.
+        Deviation of the change of ln k over 5 m, by a random walk.
     digging
-        Sinkage for each metre by which a rim turns further than the wheel travels, 1, drawn between the
-        two.
+        Sinkage per metre by which a rim turns further than the wheel travels, 1, drawn between the two.
     dragging
-        Resistance over load that is in no law of sinkage, drawn between the two.
+        Resistance over load in addition to that of the law, 1, drawn between the two.
+    hardpan
+        Depth of a hard layer, m; None for none.
     rut
-        Factor on the sinkage of a wheel in a track, once.
+        Factor on the sinkage of a wheel that rolls in the rut of another; its square for many earlier wheels.
     right
         ln of a factor on k under the right wheels.
+    bumps
+        Height of the highest stones over the diameter of the first wheel, 1.
     skid
-        Share of a commanded turn that is reached, if the vehicle turns by skidding.
+        Share of a commanded turn that is reached, if the vehicle turns by skidding, drawn between the two;
+        None if its turns are true, except on the spot.
     differential
-        Whether the wheels of an axle share its torque.
+        Whether the two wheels of an axle share its torque.
     spare
         Share of the weight on a wheel that is not listed.
     sticks
-        Whether the vehicle may get stuck.
+        Whether a drive on which the vehicle gets stuck is kept; else its ground is drawn anew (`rates`).
     patience
         Time for which rims spin before the driver gives up, s.
+    sensors
+        The sensors of the vehicle.
     """
 
     name: str

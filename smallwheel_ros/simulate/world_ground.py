@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground of a world along the route: soil, grip, slopes, hard places and bumps, in cells of 2 cm."""
+"""The ground of a world along its route: soil, grip, slopes, hard places and bumps, in cells of 2 cm."""
 
 from __future__ import annotations
 
@@ -17,15 +17,25 @@ from smallwheel_ros.simulate.wheel_laws import RimStrength
 from smallwheel_ros.simulate.world import GRAVITY, SimulatedRover, World
 
 CELL = 0.02  # m
-_BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and behind the end
-# Where ln pressure is told: 10 mm under a wheel of 0.2 m.
+_BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and after the end
+# Depth and diameter (m) to which `TrueSoil.pressure` refers.
 SINKAGE, DIAMETER = 0.01, 0.2
-_HARDER = 8.0  # times as much as above, below a hardpan
+_HARDER = 8.0  # k of the pressure that is added below a hardpan, over the soil's
 
 
 @dataclass(frozen=True)
 class TrueSoil:
-    """The law of a soil without local scatter: ln pressure at 10 mm under 0.2 m, n, m; and the strength."""
+    """A soil of a world, without its variation from place to place.
+
+    Attributes
+    ----------
+    pressure
+        ln of the pressure (Pa) at a depth of 10 mm under a wheel of 0.2 m.
+    n, m
+        Exponents of depth and diameter in p = k z^n D^m.
+    strength
+        Shear strength.
+    """
 
     pressure: float
     n: float
@@ -35,7 +45,20 @@ class TrueSoil:
 
 @dataclass(frozen=True)
 class Started:
-    """A feature with its numbers drawn: size, where it begins and ends, and the length of its edges, m."""
+    """A change of the ground along part of the route.
+
+    Attributes
+    ----------
+    what
+        Its kind, and what its size is added to: `grip` (to ln grip), `modulus` (to ln k), `exponent` (to n),
+        `climb` (to the slope along the path, rad), `floor` (hard where the sum of sizes is over 0.5).
+    size
+        Size within the feature.
+    start, end
+        Place where it begins to grow from 0, and place where it begins to fall to 0, m along the path.
+    edge
+        Length over which it grows and falls, linearly, m.
+    """
 
     what: str
     size: float
@@ -44,7 +67,7 @@ class Started:
     end: float
 
     def at(self, place: Array) -> Array:
-        """Size of the feature at places (m), in the unit of its kind."""
+        """Size of the feature at places (m along the path), in the unit of its kind; the same shape."""
         into = np.clip((place - self.start) / self.edge, 0.0, 1.0)
         out = np.clip((self.end + self.edge - place) / self.edge, 0.0, 1.0)
         found: Array = self.size * into * out
@@ -53,28 +76,42 @@ class Started:
 
 @dataclass
 class TrueGround:
-    """Ground in cells along the route: arrays of shape (cells,), or (wheels, cells) for each wheel's own.
+    """Ground in cells along the route; arrays of shape (cells,) where no other is given.
 
     Attributes
     ----------
-    soils, starts, kind
-        Soils, where each begins (m), and the index of each cell's soil.
+    world, rover
+        The world, and the rover for which its ground was made.
+    soils, starts
+        Soils, and the place where each begins, m along the path.
+    started
+        Features that change the ground along parts of the route.
+    at
+        Place of each cell along the path, m.
+    east, north
+        Slope of each cell towards east (yaw 0) and north, positive upward, rad.
+    steepens
+        Climb in addition to these, by features, rad.
+    twist
+        Share of load that uneven ground shifts between the diagonals.
     common
-        ln of the factor on k that is not texture.
+        ln of the factor on k that all wheels share: drift and features.
+    kind
+        Index in `soils` of the soil of each wheel and cell, (wheels, cells).
     modulus, exponent
-        k and n.
-    load
-        Load at rest, as slopes and uneven ground distribute it, N.
-    rest
-        Sinkage under that load, without slip and ruts, m.
-    dragging
-        Resistance over load that the law of pressure does not give.
+        ln of the whole factor on the soil's k, and n, (wheels, cells).
     grip
-        ln of the grip.
+        ln of the factor on forces of shear, (wheels, cells).
     floor
-        Whether the cell is hard.
+        Whether the cell is hard, (wheels, cells).
     bumps
-        Height of the bumps under the left and the right wheels, m.
+        Height of bumps under left and right wheels, m, (2, cells).
+    load
+        Load at rest, as slopes and uneven ground distribute it, N, (wheels, cells).
+    rest
+        Sinkage under that load, without slip and ruts, m, (wheels, cells); see `settle`.
+    dragging
+        Resistance over load in addition to that of the pressure, (wheels, cells).
     """
 
     world: World
@@ -100,32 +137,32 @@ class TrueGround:
 
     @property
     def soil(self) -> TrueSoil:
-        """The first soil, of most worlds the only one."""
+        """The first soil, which is the only one in most worlds."""
         return self.soils[0]
 
     def kinds(self, places: Array) -> NDArray[np.intp]:
-        """Index of the soil at places (m); before the start it is the first one."""
+        """Index of the soil at places (m along the path), same shape; before the start the first one's."""
         return np.maximum(np.searchsorted(self.starts, places, side="right") - 1, 0)
 
     def cells(self, places: Array) -> NDArray[np.intp]:
-        """Cells of places along the way (m)."""
+        """Index of the cell nearest to each place (m along the path), same shape."""
         cells = np.clip(np.round((places - self.at[0]) / CELL), 0, self.at.size - 1)
         return np.asarray(cells, dtype=np.intp)
 
     def value(self, what: str, places: Array) -> Array:
-        """Sum up all features of one kind at places along the path.
+        """Sum up the sizes of all features of one kind at places along the path.
 
         Parameters
         ----------
         what
-            Kind of the features.
+            Kind of the features, as in `Started`.
         places
             m along the path, any shape.
 
         Returns
         -------
         ndarray
-            Same shape, in the unit of the kind.
+            Same shape, in the unit of the kind; 0 where there is no such feature.
         """
         found: Array = np.zeros(np.shape(places))
         for one in self.started:
@@ -135,7 +172,15 @@ class TrueGround:
 
 
 class Frame:
-    """A rigid frame whose weight rests on its wheels, and partly (`spare`) on one that is not listed."""
+    """A rigid frame whose weight rests on the wheels of a rover.
+
+    Parameters
+    ----------
+    rover
+        The rover: wheels, mass and centre of gravity.
+    spare
+        Share of the weight on a wheel that is not listed, 0 to 1.
+    """
 
     def __init__(self, rover: SimulatedRover, spare: float) -> None:
         x = np.array([w.x for w in rover.wheels])
@@ -150,16 +195,17 @@ class Frame:
         Parameters
         ----------
         climb, roll
-            Angles of the vehicle, rad; positive nose up, left side up.
+            Angles of the vehicle, rad; positive nose up, left side up. All arguments are numbers, or arrays
+            of one shape.
         gained
             Acceleration forward, m/s^2.
         twist
-            Share of load that uneven ground shifts between the diagonals.
+            Share of load that uneven ground shifts to the front left and rear right wheels from the others.
 
         Returns
         -------
         ndarray
-            Shape (..., wheels), N.
+            Load, N, at least a tenth of a wheel's equal share; the arguments' shape + (wheels,).
         """
         rover = self._rover
         along = rover.gravity_x - rover.gravity_height * (np.tan(climb) + gained / GRAVITY)
@@ -189,16 +235,16 @@ def make_ground(
     soils
         Soils, one for each of `starts`.
     starts
-        Where each soil begins, m along the path, rising.
+        Place where each soil begins, m along the path, rising.
     started
-        Features: grip, slope, floor and the like, each from a place on.
+        Features that change the ground along parts of the route.
     rng
         Random number generator for the draws.
 
     Returns
     -------
     TrueGround
-        `rest` is still zero, until `settle` is called.
+        `rest` and `dragging` are 0; `settle` computes the first.
     """
     length = sum(abs(leg.metres) for leg in world.legs)
     at: Array = np.arange(-_BEFORE, length + _BEHIND, CELL, dtype=np.float64)
@@ -239,7 +285,10 @@ def make_ground(
 
 
 def settle(ground: TrueGround) -> None:
-    """Compute how deep each wheel stands in each cell."""
+    """Compute the sinkage of each wheel at rest in each cell, in place: `ground.rest`, m.
+
+    NaN where the wheel would sink to its axle.
+    """
     cells = ground.at.size
     for j, wheel in enumerate(ground.rover.wheels):
         pressure, m = (
@@ -254,16 +303,18 @@ def settle(ground: TrueGround) -> None:
 
 
 def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[Array], Array]:
-    """Make the function that gives the pressure at depths in each cell.
+    """Make the function that returns the pressure at depths in each cell.
+
+    The pressure is K z^n; below a hard layer at depth h, 8 K (z - h)^n is added.
 
     Parameters
     ----------
     modulus
-        Shape (cells,), Pa m^-n.
+        K, shape (cells,), Pa/m^n.
     n
         Exponent of depth, shape (cells,).
     hardpan
-        Depth of a hard layer, m; none if None.
+        Depth of a hard layer, m; None for none.
 
     Returns
     -------
@@ -285,28 +336,28 @@ def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[A
 def tilt(
     ground: TrueGround, cell: NDArray[np.intp] | int, yaw: Array | float
 ) -> tuple[Array, Array]:
-    """Climb and roll of the ground, as seen along a heading.
+    """Climb and roll of a vehicle with a heading on the ground, without bumps.
 
     Parameters
     ----------
     ground
         The ground.
     cell
-        Number of a cell, or shape (rows,).
+        Index of a cell, or shape (rows,).
     yaw
-        Heading, rad, shape () or (rows,).
+        Heading, rad, a number or shape (rows,).
 
     Returns
     -------
     climb, roll : ndarray
-        rad; positive nose up, left side up.
+        rad, a number or shape (rows,); positive nose up, left side up.
     """
     east, north, cosine, sine = ground.east[cell], ground.north[cell], np.cos(yaw), np.sin(yaw)
     return east * cosine + north * sine + ground.steepens[cell], north * cosine - east * sine
 
 
 def _heading(world: World, at: Array) -> Array:
-    """Yaw at each place where the vehicle is there for the first time."""
+    """Planned yaw (rad) at each place (m) when the vehicle is there for the first time, shape (cells,)."""
     found, place, yaw = np.zeros(at.size), 0.0, 0.0
     farthest = 0.0
     for leg in world.legs:
@@ -344,7 +395,7 @@ def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
     Returns
     -------
     ndarray
-        Shape (cells,).
+        Shape (cells,), of mean 0.
     """
     edges = np.cumsum(rng.uniform(0.5, 2.5, at.size)) + at[0]
     values = deviation * rng.standard_normal(at.size + 1)
@@ -353,7 +404,7 @@ def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
 
 
 def texture(rng: np.random.Generator, at: Array, deviation: float, length: float = 0.25) -> Array:
-    """Draw values along the path whose correlation falls exponentially with distance.
+    """Draw normal values along the path whose correlation falls exponentially with distance.
 
     Parameters
     ----------
@@ -369,7 +420,7 @@ def texture(rng: np.random.Generator, at: Array, deviation: float, length: float
     Returns
     -------
     ndarray
-        Shape (cells,).
+        Shape (cells,), of mean 0.
     """
     keep, values = math.exp(-CELL / length), deviation * rng.standard_normal(at.size)
     for i in range(1, at.size):
@@ -380,7 +431,7 @@ def texture(rng: np.random.Generator, at: Array, deviation: float, length: float
 def _bumps(
     world: World, rover: SimulatedRover, at: Array, length: float, rng: np.random.Generator
 ) -> Array:
-    """Stones, left and right, m: `bumps` is the height of the highest over the diameter."""
+    """Height (m) of stones under left and right wheels, shape (2, cells); 0 between them."""
     found = np.zeros((2, at.size))
     for side in found if world.bumps else ():
         place = 2.0
