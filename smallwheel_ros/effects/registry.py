@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import pkgutil
 import sys
 import traceback
@@ -336,12 +337,13 @@ def line_in(error: Exception, path: Path) -> str:
     Returns
     -------
     str
-        The innermost line in that file, for a SyntaxError its own; empty if none is in the file.
+        The innermost line in that file, for a SyntaxError in it that of the error; empty if none is in it.
     """
-    if isinstance(error, SyntaxError):
+    file = os.path.abspath(path)  # as the import system has it
+    if isinstance(error, SyntaxError) and error.filename == file:
         return f", line {error.lineno}"
     frames = traceback.extract_tb(error.__traceback__)
-    numbers = [frame.lineno for frame in frames if frame.filename == str(path)]
+    numbers = [frame.lineno for frame in frames if frame.filename == file]
     return f", line {numbers[-1]}" if numbers else ""
 
 

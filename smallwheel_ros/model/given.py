@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 from smallwheel_ros.arguments import Ids, Kind, names_of, understand
 from smallwheel_ros.common.errors import ArgumentError, kind_of, nearest
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
 from smallwheel_ros.physics.soil import Soil, soil
 
 # A table can be read, and `--help` shown, without models.
@@ -158,8 +158,8 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
     Returns
     -------
     list of Effect
-        One for each id, class or instance given. A Python file makes its effects known; those whose ids are
-        new are all meant if no other entry names one of them, else only the named ones.
+        One for each id, class or instance given. A Python file makes its effects known; all of them are
+        meant, each in the file's first form, if no other entry names one, else only the named ones.
 
     Raises
     ------
@@ -174,10 +174,10 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
     known, made = default_registry(), []
     for one in listed:
         if isinstance(one, str) and one.endswith(".py"):
-            before, known = set(known), known.with_file(one)
-            theirs = set(known) - before
-            if not theirs & {str(other).partition("/")[0] for other in listed}:
-                listed += sorted(theirs)  # no law of the file is named: all are meant
+            theirs = load_effects(one)
+            known = known.with_families(theirs, one)
+            if not set(theirs) & {str(other).partition("/")[0] for other in listed}:
+                listed += [f"{id}/{forms[0].form}" for id, forms in sorted(theirs.items())]
     for one in listed:
         if isinstance(one, str) and not one.endswith(".py"):
             id, _, form = one.partition("/")

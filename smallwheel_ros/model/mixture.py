@@ -14,6 +14,7 @@ from typing import Any
 
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.stages import without_covariate
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, k_from_reference
 
 # Stages whose effects multiply a value, or add to it; at the others each changes what it is given in turn.
@@ -81,13 +82,19 @@ def _mean_stage(parts: Sequence[Part], stage: str) -> Callable[..., Any]:
     """A method for one stage that returns the mean over the models of what their effects return."""
 
     def of_one(effects: Sequence[Effect], *given: Any) -> Any:
+        *_, conditions = given
+        rolling = conditions.rolling
+
+        def result(effect: Effect, neutral: Any, *arguments: Any) -> Any:
+            return without_covariate(getattr(effect, stage)(*arguments), neutral, rolling)
+
         if stage in _FACTORS:
-            return math.prod((getattr(e, stage)(*given) for e in effects), start=1.0)
+            return math.prod((result(e, 1.0, *given) for e in effects), start=1.0)
         if stage in _SUMS:
-            return sum((getattr(e, stage)(*given) for e in effects), 0.0)
-        value, conditions = given
+            return sum((result(e, 0.0, *given) for e in effects), 0.0)
+        value, _ = given
         for effect in effects:
-            value = getattr(effect, stage)(value, conditions)
+            value = result(effect, value, value, conditions)
         return value
 
     def mean(_self: Effect, *given: Any) -> Any:

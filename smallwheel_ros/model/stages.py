@@ -96,9 +96,7 @@ class Stages:
                 f"effect '{effect.id}': {stage} gave values of shape {np.shape(value)}, "
                 f"expected {expected}"
             )
-        if self.all_rolling:
-            return value
-        return np.where(~self.rolling & np.isnan(value), neutral, value)
+        return value if self.all_rolling else without_covariate(value, neutral, self.rolling)
 
     def loaded(self, k: ArrayLike, n: ArrayLike, m: ArrayLike) -> LoadedRows:
         """Apply the effects that act before the contact is solved to load, wheel and soil.
@@ -207,6 +205,21 @@ def _positive(name: str, column: Array) -> Array:
             "expected a number over 0"
         )
     return column
+
+
+def without_covariate(value: Any, neutral: Any, rolling: NDArray[np.bool_]) -> Any:
+    """Return what an effect gives, and the neutral result where a body that does not roll lacks a covariate.
+
+    Parameters
+    ----------
+    value
+        Result of a method of a stage, whose last axis is the rows; NaN where a covariate is blank.
+    neutral
+        Result of an effect that does nothing: a number, or an array of the result's shape.
+    rolling
+        Whether the row's body rolls, shape (rows,).
+    """
+    return np.where(~rolling & np.isnan(value), neutral, value)
 
 
 def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:

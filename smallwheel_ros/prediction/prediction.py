@@ -196,8 +196,8 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
     if name is not None and name not in names:
         raise PredictionError(f"{source}: has no soil '{name}': {nearest(name, names)}")
     kept = model.soils[names.index(name)] if name is not None else model.soils[0]
-    others = tuple(f"{other}." for other in names if other != kept.name)
-    rows = [i for i, known in enumerate(calibrated.names) if not known.startswith(others)]
+    others = {other for other in names if other != kept.name}
+    rows = [i for i, known in enumerate(calibrated.names) if known.rpartition(".")[0] not in others]
     return calibrated.changed(
         model=replace(model, soils=(kept,)),
         names=tuple(calibrated.names[i] for i in rows),

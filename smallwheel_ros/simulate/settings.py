@@ -58,9 +58,9 @@ _KNOWN_COLUMNS = {
 }
 # Columns of every measurements table: none of them can be the extra column of a hidden effect.
 _CONTRACT_COLUMNS = frozenset([
-    "load", "diameter", "width", "sinkage", "resistance", "drawbar_pull", "sinkage_std",
-    "resistance_std", "drawbar_pull_std", "slip", "slip_angle", "slope", "speed", "pass_number",
-    "grouser_height", "contact", "soil", "run", "wheel", "hidden",
+    "load", "diameter", "width", "sinkage", "resistance", "drawbar_pull", "torque",
+    "sinkage_std", "resistance_std", "drawbar_pull_std", "torque_std", "slip", "slip_angle", "slope",
+    "speed", "pass_number", "gravity", "grouser_height", "contact", "soil", "run", "wheel", "hidden",
 ])  # fmt: skip
 
 

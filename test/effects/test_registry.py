@@ -121,6 +121,21 @@ def test_a_file_that_is_no_effect(tmp_path: Path, text: str, message: str) -> No
     assert str(caught.value).startswith(str(path))
 
 
+def test_the_line_is_that_of_the_file_that_was_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file named relative to the folder has a line; a broken module that it imports has another file's."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    Path("fails.py").write_text("x = 1\n\ny = 1 / 0\n")
+    with pytest.raises(EffectError, match=r"^fails.py, line 3: ZeroDivisionError"):
+        load_effects("fails.py")
+    Path("broken.py").write_text("x = 1\n\n\ndef f(:\n")
+    Path("imports.py").write_text("x = 1\nimport broken\n")
+    with pytest.raises(EffectError, match=r"^imports.py, line 2: SyntaxError.*broken.py, line 4"):
+        load_effects("imports.py")
+
+
 def test_files_that_cannot_be_loaded(tmp_path: Path) -> None:
     with pytest.raises(EffectError, match="no such file"):
         load_effects(tmp_path / "none.py")

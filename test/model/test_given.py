@@ -44,6 +44,34 @@ def test_effects_are_given_by_id_class_or_object() -> None:
         registry_of(3)  # type: ignore[arg-type]
 
 
+FORM = """
+from dataclasses import dataclass
+from smallwheel_ros.effects import Effect, parameter
+
+@dataclass(frozen=True)
+class Mine(Effect):
+    id = "slip_sinkage"
+    form = "mine"
+    summary = "Digs."
+    formula = "z (1 + a i)"
+    needs = ("slip",)
+    a: float = parameter(0.5, (0.0, 5.0), "growth")
+
+    def sinkage(self, sinkage, conditions):
+        return sinkage * (1.0 + self.a * conditions["slip"])
+"""
+
+
+def test_a_file_with_a_form_of_a_known_effect_means_that_form(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(FORM)
+    conditions = Conditions.of(load=60.0, diameter=0.2, width=0.1, slip=0.2)
+    (one,) = effects_of(str(file), conditions)
+    assert (one.id, one.form) == ("slip_sinkage", "mine")
+    named = effects_of([str(file), "slip_sinkage/exponential"], conditions)
+    assert [e.form for e in named] == ["exponential"]
+
+
 def test_deviations_of_k_are_those_of_samples() -> None:
     """Samples of (ln p_ref, n, m); k follows from each by p_ref = k z^n D^m."""
     sand = soil("dry_sand")

@@ -57,3 +57,18 @@ def test_a_rival_that_is_sure_is_the_model(first: int) -> None:
 def test_a_model_without_rivals_is_itself() -> None:
     model = Model(SAND) + effect("slip_sinkage", a=0.8)
     assert mixed(CalibratedModel(model)) == model
+
+
+@pytest.mark.parametrize("contact", ["pressed", "plate"])
+def test_a_blank_covariate_silences_the_rival_that_reads_it_alone(contact: str) -> None:
+    """To second order the sinkage is the mean of theirs; before, no rival's effect acted."""
+    first = CalibratedModel(Model(SAND) + effect("load_dependent_modulus", g=0.2))
+    second = CalibratedModel(Model(SAND) + effect("penetration_rate", mu=0.3))
+    both = CalibratedModel(Model(SAND), rivals=((0.5, first), (0.5, second)))
+    at = Conditions.of([60.0, 120.0], 0.2, 0.1, speed=[np.nan, np.nan], contact=[contact] * 2)
+    each = [predict(one, at).sinkage for one in (first, second)]
+    apart = np.abs(each[0] - each[1])
+    assert apart[1] > 1e-4
+    assert np.isfinite(each).all()
+    off = np.abs(predict(mixed(both), at).sinkage - np.mean(each, axis=0))
+    assert (off <= 0.1 * apart + 1e-9).all()

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -214,6 +214,15 @@ def test_one_of_several_soils() -> None:
         on_one_soil(both, None, "m.yaml")
     with pytest.raises(PredictionError, match=r"m.yaml: has no soil 'drysand': did you mean"):
         on_one_soil(both, "drysand", "m.yaml")
+
+
+def test_a_soil_whose_name_begins_with_another_keeps_its_deviations() -> None:
+    sand = soil("dry_sand")
+    model = Model([replace(sand, name="sand 1"), replace(sand, name="sand 1.5")])
+    both = CalibratedModel(model, ("sand 1.n", "sand 1.5.n"), np.diag([1.0, 2.0]))
+    for name, variance in (("sand 1", 1.0), ("sand 1.5", 2.0)):
+        one = on_one_soil(both, name, "m.yaml")
+        assert (one.names, one.covariance.tolist()) == ((f"{name}.n",), [[variance]])
 
 
 def test_refusals() -> None:

@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from smallwheel_ros.measurements.columns import COLUMNS
 from smallwheel_ros.simulate.hidden import EFFECTS, HiddenEffect, HiddenLaw, shown_by_instrument
 from smallwheel_ros.simulate.settings import (
     Asked,
@@ -432,8 +433,8 @@ def test_names():
         (["slip_sinkag"], "did you mean 'slip_sinkage'"),
         (["column:"], "unknown"),
         (["column:a b"], "unknown"),
-        (["column:slip"], "meaning of its own"),
         (["none", "bulldozing"], "give either"),
+        *(([f"column:{name}"], "has a meaning of its own") for name in COLUMNS),
         (["bulldozing", "bulldozing"], "twice"),
         (["moisture", "column:moisture"], "twice"),
         (["load_offset=4", "load_offset=-4"], "twice"),
