@@ -91,7 +91,7 @@ def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`, of the base model or of a better one.
 

@@ -125,7 +125,7 @@ def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
     Parameters
     ----------
     vector
-        The free parameters.
+        Names, priors and bounds of the free parameters.
     put_in
         The competitor to add. A contact rule has no parameters: it replaces the vector's geometry.
     """
@@ -194,11 +194,11 @@ def field_of(
     Parameters
     ----------
     points
-        The measured values.
+        Measured values, each a mean over rows of one run and setting.
     model
         The base model.
     registry
-        All effects.
+        All effects of the library, and the user's own.
     without
         Families that do not take part; `unknown` stands for all curves.
 
@@ -433,7 +433,7 @@ def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
     Parameters
     ----------
     name
-        The column to judge.
+        Name of the column to judge.
     columns
         Varied columns by name, each of shape (values,). Of the others, load and settings with effects of
         their own (`SETTINGS`) count.

@@ -252,7 +252,7 @@ def distinct(values: Array, span: CurveSpan) -> int:
     values
         Values of the setting, shape (rows,), SI.
     span
-        The span.
+        Setting and range over which the curve is scaled.
     """
     x = (values - span.middle) / span.half
     if not span.side:
@@ -269,7 +269,7 @@ def curve_shown(
     Parameters
     ----------
     part
-        The curve.
+        The curve with its coefficients, as `curve_part` makes it.
     stage
         Where it acts: a name in `STAGES`.
     span

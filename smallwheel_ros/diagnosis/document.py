@@ -115,7 +115,7 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
     Parameters
     ----------
     evidence
-        The evidence.
+        Everything that was computed about the table.
     verdict
         The verdict that was reached from it.
     seed

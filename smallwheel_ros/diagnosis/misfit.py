@@ -84,7 +84,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`.
 
@@ -153,7 +153,7 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`.
 
@@ -269,7 +269,7 @@ def where_it_fails(
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     errors
         Held-out errors.
     level
@@ -372,7 +372,7 @@ def setting_of(points: Points, values: Index) -> str:
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     values
         Indices of the values, shape (chosen,).
     """
@@ -389,11 +389,11 @@ def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     errors
         Held-out errors.
     channel
-        The channel.
+        Name of a measured quantity, such as `sinkage`.
 
     Returns
     -------
@@ -434,7 +434,7 @@ def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`.
 
@@ -491,7 +491,7 @@ def worst_left(left: list[Entry], measurements: Measurements) -> str:
     left
         As `residuals_left` returns it.
     measurements
-        The table.
+        The table of measurements.
 
     Returns
     -------

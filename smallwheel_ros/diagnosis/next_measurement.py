@@ -107,7 +107,7 @@ class Runs:
         Parameters
         ----------
         points
-            The points.
+            Measured values, each a mean over rows of one run and setting.
         limits
             Levels that the user can set, SI, by setting.
         """
@@ -154,7 +154,7 @@ def propose(
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     runs
         Possible runs.
     first, second

@@ -49,7 +49,7 @@ class Start:
     Attributes
     ----------
     measurements
-        The table.
+        The table of measurements.
     base
         The model to fit, in which effects may be missing.
     registry
@@ -86,7 +86,7 @@ def start_of(
     Parameters
     ----------
     measurements
-        The table.
+        The table of measurements.
     model
         Model, model file, soil or `Base`; the contact integral without effects if not given.
     effects

@@ -130,7 +130,7 @@ def family_of(search: Search, competitor: Competitor) -> str:
     search
         All models that were fitted.
     competitor
-        The competitor.
+        An effect of the library or a curve.
     """
     if competitor.kind != "unknown":
         return competitor.family

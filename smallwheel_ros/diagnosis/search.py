@@ -60,7 +60,7 @@ class ScoreColumn:
     Attributes
     ----------
     competitor
-        The competitor.
+        Effect, instrument fault or curve that the model may lack.
     shift
         Change of each prediction, in the channel's SI unit, shape (values, columns): one column for an
         effect, one for each coefficient of a curve.
@@ -80,11 +80,11 @@ def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreCo
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         The fit that is tested.
     competitor
-        The competitor.
+        Effect, instrument fault or curve that the model may lack.
 
     Returns
     -------
@@ -137,7 +137,7 @@ class Screen:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         The fit that is tested.
     columns
@@ -285,7 +285,7 @@ def refit(
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     near
         The model to start from.
     put_in
@@ -330,7 +330,7 @@ class Search:
     Attributes
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     field
         The competitors, without those that the design cannot show.
     screen
@@ -410,7 +410,7 @@ class Search:
         Parameters
         ----------
         family
-            The family.
+            Id of the effect, which all its forms share.
         within
             Largest distance from the best of them in ln evidence times prior odds, nats.
         """
@@ -483,7 +483,7 @@ def search(
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     base
         Converged fit of the base model.
     field

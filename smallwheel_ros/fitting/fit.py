@@ -84,7 +84,7 @@ class Predictor:
         Parameters
         ----------
         vector
-            The free parameters.
+            Names, priors and bounds of the free parameters.
         theta
             Values of the parameters, shape (parameters,).
         """
@@ -98,7 +98,7 @@ class Predictor:
         Parameters
         ----------
         vector
-            The free parameters.
+            Names, priors and bounds of the free parameters.
         thetas
             Values of the parameters, shape (vectors, parameters).
 
@@ -147,7 +147,7 @@ class Predictor:
         Parameters
         ----------
         vector
-            The free parameters.
+            Names, priors and bounds of the free parameters.
         theta
             Values of the parameters, shape (parameters,).
 
@@ -199,7 +199,7 @@ class Fit:
     slopes
         J, derivatives of the predictions with respect to the parameters, shape (values, parameters).
     scatter
-        The variance components.
+        Standard deviations of the variance components.
     evidence
         ln Z, nats; -inf before the fit.
     covariance
@@ -281,7 +281,7 @@ class Fitter:
     Attributes
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     level
         Size of each value (L in the module `variance`), shape (values,), m, N or N m; the same for all
         fits, so that their evidence can be compared.
@@ -457,7 +457,7 @@ class Fitter:
         Parameters
         ----------
         vector
-            The free parameters.
+            Names, priors and bounds of the free parameters.
         theta
             Values of the parameters, shape (parameters,), clipped to their bounds; the vector's start if
             not given.

@@ -72,7 +72,7 @@ class CvErrors:
         Parameters
         ----------
         name
-            The channel.
+            Name of a measured quantity, such as `sinkage`.
         rows
             Mask of the rows that count, shape (rows,); all if not given.
 
@@ -249,9 +249,9 @@ def row_errors(
     Parameters
     ----------
     measurements
-        The table.
+        The table of measurements.
     model
-        The model.
+        Model that predicts the rows.
     rows
         Numbers of the rows to predict, by channel, shape (rows to predict,) each.
 

@@ -38,7 +38,7 @@ def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`.
     scatter

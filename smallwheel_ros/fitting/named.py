@@ -101,9 +101,9 @@ def derived_parameters(
     Parameters
     ----------
     soils
-        The fitted soils.
+        The soils with their fitted numbers.
     parameters
-        The fitted parameters.
+        Their fitted parameters, from which status and remedy are taken.
     names
         Full names of the parameters in `covariance`, as `dry_sand.n`.
     covariance

@@ -94,7 +94,7 @@ class NoiseLine:
         row
             Row of the conditions of each value, shape (values,).
         conditions
-            Conditions of the rows.
+            Settings of the rows: load, diameter, width and others, SI.
         """
         columns = _columns(conditions)
         known = np.isfinite(columns).all(axis=0)
@@ -123,7 +123,7 @@ class NoiseLine:
         row
             Row of the conditions of each value, shape (values,).
         conditions
-            Conditions of the rows.
+            Settings of the rows: load, diameter, width and others, SI.
 
         Returns
         -------
@@ -156,7 +156,7 @@ def of_load(conditions: Conditions, channel: str) -> Array:
     Parameters
     ----------
     conditions
-        Conditions of the rows.
+        Settings of the rows: load, diameter, width and others, SI.
     channel
         `torque`, or one in N.
 
@@ -264,7 +264,7 @@ def repeats_of(points: Points, level: Array) -> Repeats:
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     level
         L, the size of each value (`levels_of`), shape (values,), m, N or N m.
 

@@ -87,7 +87,7 @@ def instrument_prior(p: Parameter, size: float) -> Prior:
     Parameters
     ----------
     p
-        The parameter.
+        Declared parameter of the fault, with bounds and unit.
     size
         Typical reading, in the parameter's unit, of which the scale is a share `INSTRUMENT`. A parameter in
         metres, a zero of sinkage, has a scale of its own (`SINKAGE_ZERO_STD`).
@@ -156,7 +156,7 @@ def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
     Parameters
     ----------
     soil
-        The soil.
+        Soil whose other numbers are kept.
     values
         New numbers by the names of a fit (`soil_numbers`): k is given by `log_reference_pressure` (ln Pa),
         the shear deformation modulus by `log_shear_displacement` (ln m), the others in SI units.
@@ -249,7 +249,7 @@ def part_of(
     Parameters
     ----------
     effect
-        The effect.
+        Effect to fit.
     priors
         Priors by parameter name. A parameter without one has a Gaussian about its present value, with a
         standard deviation as large as the distance between its bounds.
@@ -270,7 +270,7 @@ def with_values(effect: Effect, numbers: Mapping[str, Any]) -> Effect:
     Parameters
     ----------
     effect
-        The effect.
+        Effect whose other values are kept.
     numbers
         New values by parameter name, SI. If any is an array, shape (rows,), values are not checked against
         the bounds.
@@ -374,7 +374,7 @@ class ParameterVector:
         Parameters
         ----------
         other
-            The other vector.
+            Vector of a fit that is known.
         theta
             Values of its parameters, shape (parameters of other,).
 

@@ -153,7 +153,7 @@ class Points:
 
     @cached_property
     def order(self) -> str:
-        """Name of the column that shows best when each run was made; empty if it has too few values."""
+        """Name of the column that shows best when each run was made; empty if values are too few."""
         columns = {name: self.column(name) for name in order_columns(self.measurements)}
         found = {n: np.unique(c).size for n, c in columns.items() if np.isfinite(c).all()}
         best = max(found, key=lambda name: found[name], default="")
@@ -163,12 +163,13 @@ class Points:
 def points_of(measurements: Measurements, outliers: Index | None = None) -> Points:
     """Reduce measurements to points: means over the rows of one run and setting.
 
-    In a run whose load or depth was swept, load and sinkage are geometric means weighted by depth.
+    In swept runs load and sinkage are geometric means, weighted by squared depth where the body does not
+    roll.
 
     Parameters
     ----------
     measurements
-        The table.
+        The table of measurements.
     outliers
         Numbers of the rows to leave out, shape (outliers,); none if not given.
 

@@ -67,7 +67,7 @@ def over_scatter(
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`.
     scatter
@@ -98,7 +98,7 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`.
     scatter

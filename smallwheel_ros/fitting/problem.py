@@ -154,7 +154,7 @@ def one_diameter(points: Points, soil: str) -> bool:
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     soil
         Name of the soil.
     """
@@ -286,7 +286,7 @@ def opening(points: Points, vector: ParameterVector) -> Array:
         The points; the first channel that is neither pull nor torque is used, with the mean error of its
         logarithm.
     vector
-        The free parameters.
+        Names, priors and bounds of the free parameters.
 
     Returns
     -------
@@ -348,7 +348,7 @@ class Problem:
     points
         Measured values, reduced from the table.
     base
-        The model.
+        The model to fit, with its priors.
     outliers
         Numbers of the table's rows that were left out.
     judging
@@ -373,7 +373,7 @@ class Problem:
         Parameters
         ----------
         measurements
-            The table.
+            The table of measurements.
         base
             The model to fit; the law without effects if not given.
 

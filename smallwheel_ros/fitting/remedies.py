@@ -43,7 +43,7 @@ def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
         Name of the parameter as in a fit: `n`, `m`, `log_reference_pressure`, or one of the soil's strength
         such as `friction_angle`.
     points
-        The measured values.
+        Measured values, each a mean over rows of one run and setting.
     scatter
         Their variance components.
 

@@ -225,7 +225,7 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`.
 
@@ -257,7 +257,7 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     scatter
         Estimated variance components: `Fitter.true_scatter`.
 
@@ -293,7 +293,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         A converged fit by `fitter`.
     outliers

@@ -143,7 +143,7 @@ class VarianceModel:
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     level
         L, size of each value (`levels_of`), shape (values,), m, N or N m.
     pure
@@ -287,7 +287,7 @@ class VarianceModel:
         Parameters
         ----------
         scatter
-            The variance components.
+            Standard deviations of the variance components.
         stiffness
             df / d ln k of each value (`Fit.stiffness`), shape (values,).
         spread
