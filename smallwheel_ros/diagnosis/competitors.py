@@ -372,7 +372,11 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
 
 
 def independent(points: Points) -> dict[str, Array]:
-    """Settings that were varied and do not follow from others, by name; shape (values,) each, SI units."""
+    """Settings that were varied and do not follow from others, by name, SI, shape (values,) each.
+
+    An effect can only be attributed to such a setting. The load is left out where it was not set: where it
+    varies within runs, or is swept along curves.
+    """
     columns = points.varied
     return {
         name: column

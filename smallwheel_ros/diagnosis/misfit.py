@@ -58,7 +58,8 @@ class LackOfFit:
     Attributes
     ----------
     ratio
-        Square root of F: the rms misfit of the settings in the standard deviations that F allows for.
+        Square root of F: the misfit in the standard deviations that repeats and the usual errors of a law
+        allow.
     p
         p-value of F.
     misfit
@@ -271,14 +272,14 @@ def where_it_fails(
     points
         Measured values, each a mean over rows of one run and setting.
     errors
-        Held-out errors.
+        Held-out errors of the table's rows.
     level
-        Size of each value, shape (values,), m, N or N m.
+        Size of each value (`levels_of`), shape (values,), m, N or N m.
     seed
         Seed of the random signs.
     certain
-        Whether the model is known to fail somewhere: then the worst cut is returned even if there are too
-        few runs to confirm it.
+        Whether the model is known to fail somewhere: then the worst cut is returned even if chance may
+        explain it.
 
     Returns
     -------

@@ -171,7 +171,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
     @property
     def candidates(self) -> list[str]:
-        """Effects of which one is missing, where this data cannot tell which."""
+        """Effects of which one (more) may be missing, where this data cannot tell which or confirms none."""
         return list(self.document["candidates"])
 
     @cached_property
@@ -216,7 +216,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
         return dict(written.plain(self.document))
 
     def rows(self) -> list[dict[str, Any]]:
-        """The effects, the most probable first."""
+        """One row for each effect: probability, p-value, status and reason, the most probable first."""
         names = ("effect", "kind", "status", "probability", "p_value", "reduction", "reason")
         return [{name: row.get(name) for name in names} for row in self.document["ranking"]]
 
@@ -339,7 +339,7 @@ def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
 
 @one_thread
 def chance_of_nothing(start: Start) -> float:
-    """Probability of data as odd as this if no effect were missing.
+    """Return the probability of data as odd as this if no effect were missing (`Search.p`).
 
     This is the first step of a diagnosis, and takes a hundredth of its time. Raises FittingError if nothing
     usable was measured.
