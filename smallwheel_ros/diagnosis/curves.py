@@ -51,8 +51,9 @@ class CurveSpan:
     column
         Name of the setting.
     middle, half
-        Middle and half width of the range, in the setting's SI unit. Of a one-sided range, the value at
-        which the setting has no effect, and the distance from there to the largest.
+        Middle and half width of the range, in the setting's SI unit (at the stage `pressure`, of ln depth).
+        Of a one-sided range, the value at which the setting has no effect, and the distance from there to
+        the far end.
     side
         Sign of a one-sided range (1 above `middle`, -1 below), whose curve is 0 at `middle`; 0 if
         two-sided.
@@ -150,8 +151,8 @@ class Stage(NamedTuple):
     method
         Name of the effect's method.
     acts
-        Function that takes the place of that method: it takes the effect, the value and the conditions, and
-        returns the changed value.
+        Function that takes the place of that method. It takes what the method takes, the effect first and
+        the conditions last, and returns an array of shape (rows,).
     stands_for
         Methods of effects of which the curve is the most general form.
     unit
@@ -264,7 +265,7 @@ def distinct(values: Array, span: CurveSpan) -> int:
 def curve_shown(
     part: EffectPart, stage: str, span: CurveSpan, values: Array, fit: Fit
 ) -> dict[str, Any]:
-    """Compute a fitted curve for display: its factor over the setting, with a 95 % band.
+    """Compute a fitted curve for display, with a 95 % band.
 
     Parameters
     ----------
@@ -282,8 +283,8 @@ def curve_shown(
     Returns
     -------
     dict
-        `setting` and `stage`, and arrays of shape (25,): `x` (the setting, SI) and the factor with its
-        band, `factor`, `low`, `high`.
+        `setting` and `stage`, and arrays of shape (25,): `x` (the setting, SI) and `factor`, `low`, `high`,
+        exp of `Curve.log_factor` and of its band.
     """
     mine = values if not span.side else values[span.side * (values - span.middle) >= 0]
     x = np.linspace(float(mine.min()), float(mine.max()), _POINTS, dtype=np.float64)

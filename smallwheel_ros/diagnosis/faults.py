@@ -96,7 +96,8 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
     Returns
     -------
     Witness or None
-        None where there is no such fault, or sinkage or both pull and torque were not measured.
+        None where there is no such fault, or the table cannot show one: without sinkage, without pull and
+        torque, or with fewer than `FEWEST_RUNS` runs.
     """
     points = problem.points
     if points.run_count < constants.FEWEST_RUNS or "sinkage" not in points.channels:

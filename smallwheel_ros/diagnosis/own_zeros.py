@@ -5,9 +5,9 @@ A rig has one gauge. A vehicle has one for each wheel, each with its own zero, a
 differs from that on its right. Differences of a millimetre or so would hide an effect, or look like one. So
 the sinkages of wheels of one size are fitted together,
 
-    z = own of the wheel + a ln W + b (ln W)^2 + c slip
+    z = constant of the wheel + a ln W + b (ln W)^2 + c slip
 
-robustly (Huber 1964), and each wheel's own constant is shifted to the mean of all.
+robustly (Huber 1964), and each wheel's constant is shifted to the mean of all.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@
     y = f(theta) + e,  e ~ N(0, V(phi)),  theta ~ p(theta),  ln phi ~ p(ln phi)
 
 The parameters theta are fitted by Gauss-Newton steps on  -1/2 |y - f|^2_V + ln p(theta)  with V held, and
-the variance components phi by `variance`, in turns until both have converged. The posterior is N(theta,
-A^-1) with A = J' V^-1 J + P (J = df/dtheta, P the prior's precision), and the evidence, by Laplace's
-method,
+the variance components phi by `variance`, in turns until both have converged. The posterior of theta is
+normal with covariance A^-1, where A = J' V^-1 J + P, J = df/dtheta and P is the prior's precision. The
+evidence is, by Laplace's method,
 
     ln Z = ln N(y; f, V) + ln p(theta) + ln p(ln phi) + d/2 ln 2 pi - 1/2 ln |A| + ln(inside bounds)
 

@@ -5,7 +5,7 @@ The size is that of a log-log regression of the measured values on the settings 
 `levels_of`). The regression has no physics; it is the reference that a law has to beat, and a row
 of `smallwheel compare`:
 
-    ln value = own of its soil + b . (ln load, ln diameter, ln width, slip, slip^2, pass, speed)
+    ln value = constant of its soil + b . (ln load, ln diameter, ln width, slip, slip^2, pass, speed)
 
 by least squares, over the settings that were varied. Repeatability is
 

@@ -4,8 +4,9 @@
     theta = (ln p_ref, n, m [, phi, ln K, c and what a wheel does with them] of each soil; the numbers of each
              effect)
 
-Soils have Gaussian priors, effects Student's t. ln p_ref is ln of the pressure at 10 mm of sinkage under a
-wheel of 0.2 m: k itself is the pressure at one metre, an extrapolation whose error is tied to n and m.
+Soils have Gaussian priors, effects wide Gaussian ones in a fit and Student's t in a diagnosis. ln p_ref is
+ln of the pressure at 10 mm of sinkage under a wheel of 0.2 m: k itself is the pressure at one metre, an
+extrapolation whose error is tied to n and m.
 """
 
 from __future__ import annotations

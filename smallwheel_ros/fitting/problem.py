@@ -278,20 +278,21 @@ def _part(
 def opening(points: Points, vector: ParameterVector) -> Array:
     """Find a starting point for a fit: for each soil the best of a coarse grid in ln p_ref and n.
 
-    Gauss-Newton steps would not converge from a start that is wrong by a factor of ten.
+    Gauss-Newton steps would not converge from a start that is wrong by a factor of ten. The best point has
+    the smallest mean error of ln sinkage, or else of ln resistance.
 
     Parameters
     ----------
     points
-        The points; the first channel that is neither pull nor torque is used, with the mean error of its
-        logarithm.
+        Measured values, each a mean over rows of one run and setting.
     vector
         Names, priors and bounds of the free parameters.
 
     Returns
     -------
     ndarray
-        Values of the parameters, shape (parameters,); the vector's start where there is no such channel.
+        Values of the parameters, shape (parameters,); the vector's start where there is neither sinkage nor
+        resistance.
     """
     theta = vector.start.copy()
     channel = next((n for n in points.channels if n not in FORCES), None)
@@ -486,7 +487,7 @@ class Problem:
 
     @cached_property
     def judged(self) -> Problem:
-        """The problem in which effects are compared: `deciding`, weighted as `judging` says."""
+        """The problem in which effects are compared: `deciding`, with `judging` set where errors are shared."""
         found = self.deciding
         if found.judging or not found.points.share_errors:
             return found
