@@ -443,7 +443,7 @@ class Fitter:
         fit
             The fit, with its variance components.
         spread
-            U, by which U U' is the covariance that the prior of the parameters gives to the predictions
+            U, such that U U' is the covariance that the prior of the parameters gives to the predictions
             (`Fit.taken_up`), shape (values, columns).
         """
         return self.variance.covariance(fit.scatter, fit.stiffness, spread)

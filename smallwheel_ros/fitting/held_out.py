@@ -331,11 +331,11 @@ def cross_validate(
 
 
 def _with_middle(model: Model, training: Points, known: Collection[str]) -> Model:
-    """Return the model with the mean of the training points' soils for each soil not known from them.
+    """Return the model with a mean of the training points' soils in place of each soil without any.
 
-    Nor by its name in `known`. A fit leaves such a soil at its prior, which is that of all soils there are.
-    The mean is weighted so that it gives the mean ln z of a plate, ln(z / 10 mm) = (ln p - ln p_ref - m
-    ln(D / 0.2 m)) / n, as a regression would.
+    Soils in `known` are kept. A fit leaves a soil without training points at its prior, which is that of
+    all soils there are. The mean is weighted so that it gives the mean ln z of a plate, ln(z / 10 mm) = (ln
+    p - ln p_ref - m ln(D / 0.2 m)) / n, as a regression would.
     """
     named = training.conditions.soil
     met = set() if named is None else {str(name) for name in named[training.row]}

@@ -487,7 +487,7 @@ class Problem:
 
     @cached_property
     def judged(self) -> Problem:
-        """The problem in which effects are compared: `deciding`, with `judging` set where errors are shared."""
+        """The problem in which effects are compared: `deciding`, with `judging` where errors are shared."""
         found = self.deciding
         if found.judging or not found.points.share_errors:
             return found

@@ -268,7 +268,7 @@ class VarianceModel:
         kernels
             Covariance of each component at unit deviation, as `kernels` returns it.
         spread
-            U, by which U U' is the covariance that the prior of the parameters gives to the predictions
+            U, such that U U' is the covariance that the prior of the parameters gives to the predictions
             (`Fit.taken_up`), shape (values, columns).
 
         Raises
@@ -311,8 +311,8 @@ class VarianceModel:
     ) -> Scatter:
         """Estimate the variance components from the errors of a fit, by restricted likelihood with priors.
 
-        Newton steps with the average information (Gilmour, Thompson and Cullis 1995), from `start`, for
-        each of three correlation lengths; the most likely one is kept.
+        Newton steps with the average information (Gilmour, Thompson and Cullis 1995), from `start`. With
+        swept runs they are repeated for three correlation lengths, and the most likely one is kept.
 
         Parameters
         ----------
@@ -320,7 +320,7 @@ class VarianceModel:
             Measured minus predicted at the centres of the parameters' priors (`Fit.away`), shape (values,),
             m, N or N m by channel.
         spread
-            U, by which U U' is the covariance that the prior of the parameters gives to the predictions
+            U, such that U U' is the covariance that the prior of the parameters gives to the predictions
             (`Fit.taken_up`), shape (values, columns).
         stiffness
             df / d ln k of each value (`Fit.stiffness`), shape (values,).
@@ -407,7 +407,7 @@ class VarianceModel:
             Measured minus predicted at the centres of the parameters' priors (`Fit.away`), shape (values,),
             m, N or N m by channel.
         spread
-            U, by which U U' is the covariance that the prior of the parameters gives to the predictions
+            U, such that U U' is the covariance that the prior of the parameters gives to the predictions
             (`Fit.taken_up`), shape (values, columns).
         stiffness
             df / d ln k of each value (`Fit.stiffness`), shape (values,).
