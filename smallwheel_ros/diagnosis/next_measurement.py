@@ -101,8 +101,8 @@ class Runs:
     def of(cls, points: Points, limits: Limits) -> Runs:
         """Combine the levels of up to six settings, those that the user can set first.
 
-        Where the user gave no levels, a setting has its lowest, middle and highest value. All other
-        settings have their median.
+        Where the user gave no levels, a setting has its lowest, middle and highest value. Every other
+        setting has the measured value nearest to its median.
 
         Parameters
         ----------
