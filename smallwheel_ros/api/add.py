@@ -28,18 +28,29 @@ def add(
     ----------
     effect : str, Effect or class of effects
         Its id, as in `slip_sinkage`; the form that fits best is taken.
-    model : Model, Soil, str or path, optional
-        The model to add it to: a model file, or a soil of the library. Without it: the contact
-        integral alone.
-    data
-        Measurements; their diagnosis decides whether the effect is recommended.
+    model : Model, Soil, result with a model, name or path, optional
+        The model to add it to: a model file, or a soil of the library. Without it: the contact integral
+        alone.
+    data : path, DataFrame, or what `sw.read` returned
+        Measurements to fit the model to; their diagnosis decides whether the effect is recommended.
     effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
-    without
+    without : str or several, optional
         Ids of effects to leave out as candidates; `unknown` leaves out the smooth curves that stand for an
         effect that is in no library.
-    seed
+    seed : int, optional
         Seed of the simulations behind the p-values: the same seed gives the same result.
+
+    Returns
+    -------
+    Added
+        The fitted model with the effect, its held-out errors `before` and `after` by channel (m, N or N m),
+        and whether it is `recommended`, with the reason.
+
+    Raises
+    ------
+    ArgumentError, EffectError, MeasurementsError
+        If `data` is missing or cannot be used, or the effect does not exist or cannot be fitted to it.
 
     Examples
     --------

@@ -55,33 +55,40 @@ def compare(
     """Compare models with measurements, or laws on a folder of measured data sets.
 
     The closed forms of Bekker and of Meirion-Griffith & Spenko, the contact integral and, where pull or
-    torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were
-    held out of the fit; so are a constant (the mean of the other runs) and a log-log regression. Errors
-    are given for each channel, soil, wheel and range of conditions, beside the repeatability within
-    runs. `diagnose` works out what error a true model would leave.
+    torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were held
+    out of the fit; so are a constant (the mean of the other runs) and a log-log regression. Errors are
+    given for each channel, soil, wheel and range of conditions, beside the repeatability within runs.
+    `diagnose` works out what error a true model would leave.
 
     In a folder a data set is a folder with its licence (a file LICENSE) and its tables. Sizes of plates,
     levels of slip, wheels, runs and soils are left out in turn, and every law is fitted to the rest: the
-    mean of the rest, Bernstein-Goriatchkin, Bekker, Reece, Meirion-Griffith & Spenko, Wong and Reece
-    where pull or torque was measured, the contact integral, and ours, which adds the effects that a
-    diagnosis of the rest names. The errors are those on what was left out; ours wins, loses, or cannot
-    be told from each other law.
+    mean of the rest, Bernstein-Goriatchkin, Bekker, Reece, Meirion-Griffith & Spenko, Wong and Reece where
+    pull or torque was measured, the contact integral, and ours, which adds the effects that a diagnosis of
+    the rest names. The errors are those on what was left out; ours wins, loses, or cannot be told from each
+    other law.
 
     Parameters
     ----------
-    data
+    data : path, DataFrame, or what `sw.read` returned
         The measurements, or a folder of data sets.
-    models : one, several, or a dictionary of several by name
-        A further model to compare on a table, used as it is.
+    models : one, several, or a dictionary of several by name, optional
+        A further model to compare on a table; it is not fitted.
     effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
-    law
+    law : path, optional
         A Python file with laws of your own to enter for a folder, which is run.
-    done
-        For a folder: called with each set of rows once all laws are fitted to it.
-    progress
-        Called with the number of fits done and their total; for a folder with what is being compared,
-        in words.
+    done : callable, optional
+        For a folder: called with each table of errors (a LawTable), one for each way of leaving rows out,
+        as soon as it is complete.
+    progress : callable, optional
+        Called with the number of fits done and their total; for a folder with what is being compared, in
+        words.
+
+    Returns
+    -------
+    Comparison or Benchmark
+        The errors of each model on the table (m, N or N m by channel); for a folder, those of each law on
+        each data set, and the files that were not used.
 
     Examples
     --------

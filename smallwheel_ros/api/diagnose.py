@@ -25,28 +25,34 @@ def diagnose(
 ) -> "Diagnosis":
     """Say which physical effect a model of the measurements is missing.
 
-    Other verdicts are that none is missing, that no known effect explains the misfit, that several
-    explain it equally well, and that there is too little data. The result also says where the model
-    fails, what the data cannot show, and what to measure next.
+    Other verdicts are that none is missing, that no known effect explains the misfit, that several explain
+    it equally well, and that there is too little data. The result also says where the model fails, what the
+    data cannot show, and what to measure next.
 
     Parameters
     ----------
-    data
+    data : path, DataFrame, or what `sw.read` returned
         The measurements.
-    model
-        Start from this model; its soil is refitted within its covariance. Without it: the contact
-        integral alone.
+    model : Model, Soil, result with a model, name or path, optional
+        Start from this model; its soil is refitted within its covariance. Without it: the contact integral
+        alone.
     effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
-    without
+    without : str or several, optional
         Ids of effects to leave out as candidates; `unknown` leaves out the smooth curves that stand for an
         effect that is in no library.
-    can : dict, as ``{"slip": [0, 0.3, 0.6]}``
-        What you can set in the next measurements (SI units, angles in rad).
-    seed
+    can : dict, as ``{"slip": [0, 0.3, 0.6]}``, optional
+        Levels that you can set in further measurements (SI units, angles in rad).
+    seed : int, optional
         Seed of the simulations behind the p-values: the same seed gives the same result.
-    progress
-        Called with each step in words.
+    progress : callable, optional
+        Called with the name of each step as it begins.
+
+    Returns
+    -------
+    Diagnosis
+        The `verdict`, the ids of `missing_effects` and `candidates`, and the model fitted with what is
+        missing.
 
     Examples
     --------

@@ -30,16 +30,27 @@ def fit(
 
     Parameters
     ----------
-    data
+    data : path, DataFrame, what `sw.read` returned, or several
         One table, or several of one lab: plates, pressed and rolling wheels, shear tests.
-    effects : str, Effect (with numbers to start from), class of effects, or several
-        Effects to fit with the soil, by id (slip_sinkage,bulldozing) or id/form; a name that ends in
-        .py is a file with effects of your own, which is run.
-    model
+    effects : str, Effect (with numbers to start from), class of effects, or several, optional
+        Effects to fit with the soil, by id (slip_sinkage,bulldozing) or id/form; a name that ends in .py is
+        a file with effects of your own, which is run.
+    model : Model, Soil, result with a model, name or path, optional
         Start from this model; soils and effects are refitted within its covariance, or freely where it
         states none.
-    geometry
+    geometry : {'contact_integral', 'closed_form'}, optional
         Rule by which load follows from sinkage. Without it: the model's, or the contact integral.
+
+    Returns
+    -------
+    FitResult or LabFit
+        FitResult for a table of rolling wheels: the model, each parameter with its standard deviation, and
+        the held-out errors (m, N or N m by channel). LabFit if there are other tests.
+
+    Raises
+    ------
+    ArgumentError, FittingError, MeasurementsError
+        If the measurements cannot be used, or both `model` and `geometry` are given.
 
     Examples
     --------
@@ -86,7 +97,7 @@ def fit(
 
 
 def _advice(problem: "Problem") -> list[str]:
-    """What `diagnose` says or does about a stuck gauge, runs that are slips of the pen, runs that differ."""
+    """Sentences on a stuck gauge, on runs that look like clerical errors, and on runs that differ much."""
     import numpy as np
 
     from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad, stuck
@@ -113,7 +124,7 @@ def _advice(problem: "Problem") -> list[str]:
 
 
 def _tests_of(data: Tests) -> "tuple[list[ShearTests], list[Measurements]]":
-    """Shear tests, and tables of load and sinkage."""
+    """Read the tests of a lab: shear tests, and tables of load and sinkage."""
     from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 
     given: list[Any] = list(data) if isinstance(data, (list, tuple)) else [data]

@@ -27,31 +27,36 @@ def learn(
 ) -> "Learnt":
     """Learn which law a model of the measurements lacks, where no known effect explains it.
 
-    The program searches some 40,000 formulas inside the model. It drafts a law only where chance
-    would not gain as much, and where the law also predicts settings that the search never saw.
-    That nothing could be learnt is a normal answer.
+    The program searches some 40,000 formulas inside the model. It drafts a law only where chance would not
+    gain as much, and where the law also predicts settings that the search never saw. That nothing could be
+    learnt is a normal answer.
 
     Parameters
     ----------
-    data
+    data : path, DataFrame, or what `sw.read` returned
         The measurements.
-    model
-        Start from this model; its soil is refitted within its covariance. Without it: the contact
-        integral alone.
+    model : Model, Soil, result with a model, name or path, optional
+        Start from this model; its soil is refitted within its covariance. Without it: the contact integral
+        alone.
     effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
-    without
+    without : str or several, optional
         Effects to take out of the model, by id; the law is not compared with them.
-    name
+    name : str, optional
         Id of the law; without it, one made from the settings on which the law depends.
-    most
-        Laws to learn, one after the other.
-    can : dict, as ``{"slip": [0, 0.3, 0.6]}``
-        What you can set in the next measurements (SI units, angles in rad).
-    seed
+    most : int, optional
+        Largest number of laws to learn, one after the other.
+    can : dict, as ``{"slip": [0, 0.3, 0.6]}``, optional
+        Levels that you can set in further measurements (SI units, angles in rad).
+    seed : int, optional
         Seed of permutations and folds: the same seed gives the same result, to the byte.
-    progress
-        Called with each step in words, the number of its parts done, and their total (0: not known).
+    progress : callable, optional
+        Called with the name of each step, the number of its parts done, and their total (0: not known).
+
+    Returns
+    -------
+    Learnt
+        The `verdict`, and the `law` with its formula, constants and drivers; None if none was learnt.
 
     Examples
     --------

@@ -34,13 +34,13 @@ def predict(
 ) -> "PredictionTable":
     """Predict sinkage, resistance and drawbar pull of a wheel on a soil.
 
-    Ranges make a table of every combination of the settings; `data` has the settings row by row.
-    Each quantity comes with two standard deviations: `_std` is that of the law's value, `_run_std` that of
-    a row measured in a new run.
+    Ranges make a table of every combination of the settings; `data` has the settings row by row. Each
+    quantity comes with two standard deviations: `_std` is that of the law's value, `_run_std` that of a row
+    measured in a new run.
 
     Parameters
     ----------
-    model
+    model : Model, Soil, result with a model, name or path, optional
         The model; a soil stands for the contact integral on it, without effects.
     load : number, several, or text
         Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf; 5kg is a mass, which weighs
@@ -49,24 +49,34 @@ def predict(
         Wheel diameter [m], or with a unit: '17 cm'.
     width : number, several, or text
         Wheel width [m].
-    slip : number, several, or text
+    slip : number, several, or text, optional
         Slip, -1 to 1, or as 30%; without it there is no thrust.
-    data
+    data : path, DataFrame, or what `sw.read` returned, optional
         A table of settings instead: each row is predicted. Quantities that the table has measured stand
         beside the predictions, as `measured_sinkage`, `measured_sinkage_std` and so on. diameter and width
         then hold for all rows.
-    map : dict, as ``{"load": "F3"}``
+    map : dict, as ``{"load": "F3"}``, optional
         Quantity of a column of `data` whose header does not name it.
-    sheet
+    sheet : str, int, or several, optional
         Sheet of `data`, where it is a workbook.
-    soil
+    soil : str, optional
         Which soil of a model that has several; without a model, one of the library.
-    closed_form
+    closed_form : bool, optional
         Use the paper's closed form (eq. 10) instead of the contact integral, on a soil of the library.
     effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
     others : number, several, or text, as ``speed=0.1``
         A further column that an effect needs, in SI or with a unit.
+
+    Returns
+    -------
+    PredictionTable
+        One row for each combination of the settings, or each row of `data`, SI units.
+
+    Raises
+    ------
+    ArgumentError, PredictionError, SoilError
+        If a setting is missing or not plausible, or the model or the soil cannot be used.
 
     Examples
     --------
@@ -109,7 +119,7 @@ def _on_soil(
     effects: OwnEffects | None,
     one: bool = True,
 ) -> "CalibratedModel":
-    """The model on the one soil that is meant; on all that it has where the rows say which (one: False).
+    """Return the model on the one soil that is meant, or, unless `one`, on all soils that the rows may name.
 
     Raises ArgumentError, PredictionError, SoilError.
     """

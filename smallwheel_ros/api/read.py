@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`read`: a table of measurements out of a file or a DataFrame."""
+"""`read`: a table of measurements from a file or a DataFrame."""
 
 from dataclasses import replace
 from os import PathLike
@@ -29,21 +29,26 @@ def read(
 
     Parameters
     ----------
-    data
+    data : path, DataFrame, or what `sw.read` returned
         CSV, Parquet or a spreadsheet, as docs/data.md says, or a DataFrame with such headers.
-    map : dict, as ``{"load": "F3", "width [cm]": "b"}``
+    map : dict, as ``{"load": "F3", "width [cm]": "b"}``, optional
         Quantity of a column whose header does not name it.
-    sheet : str, int, or several, as ``["dry", "wet"]``
+    sheet : str, int, or several, as ``["dry", "wet"]``, optional
         Sheet of a workbook, by name or number; several of the same columns become one table.
-    diameter
+    diameter : number or text, optional
         Wheel diameter [m] for all rows: 0.2, or with a unit, 20cm.
-    width
+    width : number or text, optional
         Wheel width [m] for all rows: 0.1, or with a unit, 10cm.
-    contact
+    contact : {'rolling', 'pressed', 'plate'}, optional
         Contact in all rows, where the table has no such column.
-    compliance
-        Compliance of the machine [m/N]: its product with the load is subtracted from each measured
-        sinkage; 1 mm under 500 N is 2e-6.
+    compliance : number or text, optional
+        Compliance of the machine [m/N]: its product with the load is subtracted from each measured sinkage;
+        1 mm under 500 N is 2e-6.
+
+    Returns
+    -------
+    Measurements
+        The table in SI units; `data` itself, whatever else is given, where `sw.read` returned it.
 
     Raises
     ------
@@ -73,8 +78,15 @@ def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
 
     Parameters
     ----------
-    data, how
-        See `read`.
+    data
+        A file, a DataFrame, or a table that was read before.
+    how
+        Further arguments by name, as those of `read`.
+
+    Returns
+    -------
+    Measurements or ShearTests
+        Which of them the columns of the table decide.
     """
     from smallwheel_ros.measurements.from_file import read_tests
     from smallwheel_ros.measurements.measurements import Measurements, ShearTests
@@ -87,12 +99,14 @@ def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
 
 
 def conditions_of(data: Any, **how: Any) -> "Measurements":
-    """Read a table of settings to predict: none of its rows need have measured anything.
+    """Read a table of settings to predict; unlike in `read`, no row needs to have a measured quantity.
 
     Parameters
     ----------
-    data, how
-        See `read`.
+    data
+        A file, a DataFrame, or a table that was read before.
+    how
+        Further arguments by name, as those of `read`.
     """
     from smallwheel_ros.measurements.from_file import read_conditions
     from smallwheel_ros.measurements.measurements import Measurements
@@ -108,14 +122,14 @@ _SIZES = ("diameter", "width", "compliance")
 
 
 def _in_all_rows(**sizes: float | str | None) -> tuple[dict[str, Any], list[str]]:
-    """What all rows have, in SI units, and what is to be said of how it was read."""
+    """Values that hold for all rows, in SI units, and notes on how texts were understood."""
     typed = {name: number_of(name, given) for name, given in sizes.items() if given is not None}
     values = {name: float(read.values[0]) for name, read in typed.items()}
     return values, [read.said for read in typed.values() if read.said]
 
 
 def _source(data: Any) -> Any:
-    """A file's path or a DataFrame. Raises ArgumentError for anything else."""
+    """Return a file's path or a DataFrame. Raises ArgumentError for anything else."""
     if not (isinstance(data, (str, PathLike)) or hasattr(data, "columns")):
         raise ArgumentError(
             f"data: found {kind_of(data)}, expected a file, a DataFrame or what sw.read returned"

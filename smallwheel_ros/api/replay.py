@@ -40,27 +40,32 @@ def replay(
 
     Parameters
     ----------
-    bag
+    bag : path
         A rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag.
-    config
+    config : path, optional
         The node's parameter file; if not given, what `smallwheel init` finds in the bag.
     output : path, optional
         Folder for tables, a bag and a cost map; without it a temporary one, which is deleted with the
         result.
-    remaps : dict, as ``{"odom": "/rover/odom"}``
+    remaps : dict, as ``{"odom": "/rover/odom"}``, optional
         The node's name of an input, and the topic of the bag that it is read from.
-    clock
-        Compare stamps with the times of recording, as the node does with use_sim_time; otherwise only
-        with each other.
-    copy
+    clock : bool, optional
+        Compare stamps with the times of recording, as the node does with use_sim_time; otherwise only with
+        each other.
+    copy : {'all', 'used', 'none'}, optional
         Topics that are copied into the new bag, beside the estimates.
-    rate
-        Most estimates of each wheel per second (Hz), in place of the parameter mobility.rate; 0: one
-        for each measured sinkage.
-    soil_file
+    rate : float, optional
+        Most estimates of each wheel in a second (Hz), in place of the parameter mobility.rate; 0: one for
+        each measured sinkage.
+    soil_file : path, optional
         Start from the soil saved there, if any, and save it there at the end.
-    progress
+    progress : callable, optional
         Called with the number of messages done and their total.
+
+    Returns
+    -------
+    Replayed
+        The estimates, what was noticed about the sensors, and the files written.
 
     Examples
     --------

@@ -40,12 +40,18 @@ class Added(Result, shown="views.added"):
 
     Attributes
     ----------
-    before, after, change
-        Held-out errors, and their comparison.
+    effect, form
+        Id of the effect, and the form of it that fits best.
+    fit
+        The model with the effect, fitted to all runs.
+    before, after
+        Held-out errors without and with the effect.
+    change
+        Their comparison.
     recommended
         Whether the diagnosis of the same data names the effect, and no channel is predicted worse.
     reason
-        Why it is not recommended, or what else it could be.
+        Why it is not recommended, or a reservation where it is; may be empty.
     """
 
     effect: str
@@ -63,7 +69,7 @@ class Added(Result, shown="views.added"):
         return self.fit.model
 
     def headline(self) -> str:
-        """The held-out error before and after."""
+        """The held-out error before and after, in one line."""
         after = self.after.rmse()
         errors = ", ".join(
             f"{words(name)} {shown_value(name, before)} -> {shown_value(name, after.get(name))}"
@@ -88,7 +94,7 @@ class Added(Result, shown="views.added"):
         return dict(plain(document))
 
     def rows(self) -> list[dict[str, Any]]:
-        """Held-out errors before and after, by channel."""
+        """One row for each channel: held-out errors before and after, with standard errors, SI."""
         sides = {"before": self.before.scores(), "after": self.after.scores()}
         found = []
         for name in sides["before"]:
@@ -106,9 +112,14 @@ class Added(Result, shown="views.added"):
         Parameters
         ----------
         ax
-            Where to draw; new axes if not given.
+            Axes to draw on; new ones if not given.
         channel
-            The first one if not given.
+            Channel to draw; the first one if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes drawn on.
         """
         return self._drawn(ax, channel)
 
@@ -119,6 +130,8 @@ class Added(Result, shown="views.added"):
 def added(effect: str, start: Start) -> Added:
     """Add one effect to a model, in the form that fits best, and fit all parameters again.
 
+    The same data is also diagnosed, to judge whether the effect is recommended.
+
     Parameters
     ----------
     effect
@@ -126,10 +139,17 @@ def added(effect: str, start: Start) -> Added:
     start
         Measurements, base model and effects.
 
+    Returns
+    -------
+    Added
+        The fitted model, and held-out errors without and with the effect.
+
     Raises
     ------
     EffectError
-        If there is no such effect, or the data does not have the columns it needs.
+        If there is no such effect, or it cannot be fitted to this data.
+    FittingError
+        If nothing usable was measured.
     """
     measurements, known = start.measurements, start.registry
     _check_column(effect, measurements, known)
@@ -156,9 +176,10 @@ def added(effect: str, start: Start) -> Added:
 def _step(
     effect: str, judged: Diagnosis, forms: Sequence[Competitor]
 ) -> tuple[Fit, CvErrors, CvErrors]:
-    """The model with the effect, and the held-out errors without and with it.
+    """Return the model with the effect, and the held-out errors without and with it.
 
-    Where the diagnosis adds it to the base as its first step, that step: one step has one error.
+    Where the diagnosis adds the effect to the base as its first step, these are that step's, so that both
+    commands report the same error.
     """
     if len(judged.steps) > 1 and judged.steps[1].added == effect:
         first, second = judged.steps[:2]
@@ -170,7 +191,7 @@ def _step(
 
 
 def _check_column(effect: str, measurements: Measurements, registry: Registry) -> None:
-    """Say why the NAME of `covariate:NAME` is no free column of the table, and what to do.
+    """Refuse an effect `covariate:NAME` whose NAME is not a free column of the table, and say what to do.
 
     Any other effect passes. Raises EffectError.
     """
@@ -217,7 +238,7 @@ class Grown:
     model
         The model, fitted to all runs.
     choose
-        Function that fits it to the training runs of a fold alone; it returns a list of one.
+        Function that fits the model to the training points of a fold alone; it returns a list of one fit.
     """
 
     model: Candidate
@@ -240,6 +261,11 @@ class Grown:
             The table and the base model.
         forms
             Forms of the effect.
+
+        Returns
+        -------
+        Grown
+            The model with the effect.
 
         Raises
         ------
@@ -271,7 +297,7 @@ class Grown:
         return Grown(made[0], kept(choose))
 
     def held_out(self, problem: Problem) -> CvErrors:
-        """Errors of each run, as predicted by the fit of the fold that leaves it out (`errors_of`)."""
+        """Compute the held-out errors of the model for all channels of a problem (`errors_of`)."""
         return errors_of(problem, self.choose, 1)[0]
 
 
@@ -281,16 +307,16 @@ def _extended(
     forms: Sequence[tuple[Competitor, NDArray[np.float64]]],
     turns: int,
 ) -> list[Candidate]:
-    """The model with one more effect in each of these forms that can be fitted, the best first.
+    """Fit the model with one more effect, for each form that can be fitted, and return these, best first.
 
-    forms: each with where its numbers start.
+    Each entry of `forms` has a form and the values from which its parameters start.
     """
     made = [refit(fitter, model, form, start, turns=turns) for form, start in forms]
     return sorted((m for m in made if m is not None), key=lambda m: -m.weight)
 
 
 def _recommended(effect: str, judged: Diagnosis, change: ErrorComparison) -> tuple[bool, str]:
-    """One verdict for `add` and `diagnose`: what is recommended is what is named."""
+    """Return whether the effect is recommended, and why: what is recommended is what the diagnosis names."""
     document, found = judged.document, judged.search
     if found is None:
         return False, f"{document['reason']}; not recommended"

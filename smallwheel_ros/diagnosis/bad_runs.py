@@ -52,12 +52,18 @@ class BadRun:
 
     Attributes
     ----------
+    name
+        Name of the run.
     rows
-        Its rows of the table, shape (rows,).
+        Numbers of its rows in the table, shape (rows,).
+    channel
+        The channel that is wrong.
     deviations
-        How far its values are off, in robust standard deviations of `channel`.
+        Size of the error: robust standard deviations from the model, or a ratio to other values; `against`
+        says which.
     against
-        What it was compared with, in words.
+        What `deviations` counts and what the run was compared with, in words that continue the number, such
+        as `times the others of its setting`.
     """
 
     name: str
@@ -67,7 +73,7 @@ class BadRun:
     against: str
 
     def words(self, measurements: Measurements) -> str:
-        """Say that the run is left out, and why."""
+        """Return a sentence that the run is left out, and why."""
         lines = ", ".join(str(line) for line in measurements.line[self.rows][:5])
         where = f"{measurements.source}, {measurements.place} {lines}"
         return (
@@ -79,15 +85,20 @@ class BadRun:
 def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
     """Find the runs that are grossly wrong.
 
-    Stuck sensors come first. If there are none, runs are compared with repeats of their setting; if none is
-    off, with the model.
+    Stuck sensors come first. If there are none, runs are compared with repeats of their setting; if none of
+    these is wrong, with the model.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        Fit of the base model.
+        A converged fit by `fitter`, of the base model or of a better one.
+
+    Returns
+    -------
+    list of BadRun
+        Empty with up to six runs; at most one run that only the model shows to be wrong.
     """
     if fitter.points.run_count <= 2 * _FEWEST:
         return []
@@ -95,9 +106,14 @@ def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
 
 
 class _Rise(NamedTuple):
-    """How sinkage follows the load.
+    """How sinkage rises with the load.
 
-    times: factor by which the load rises; power: power of the load by which the sinkage does.
+    Attributes
+    ----------
+    times
+        Factor by which the load rises.
+    power
+        Power of the load to which the sinkage is proportional.
     """
 
     times: float
@@ -105,7 +121,10 @@ class _Rise(NamedTuple):
 
 
 def stuck(points: Points) -> str:
-    """Say that the table's sinkage does not rise with the load; empty if it does."""
+    """Return a clause that the table's sinkage does not rise with the load; empty if it does.
+
+    Also empty where the load was hardly varied.
+    """
     if "sinkage" not in points.channels:
         return ""
     rises = [rise for _, rise in _rises(points)] or _rise_of_line(points)
@@ -119,7 +138,10 @@ def stuck(points: Points) -> str:
 
 
 def _rises(points: Points) -> Iterator[tuple[int, _Rise]]:
-    """How sinkage rises along each curve, from the lower to the upper third of its loads."""
+    """Rise of the sinkage from the lower to the upper third of the loads of each run, with the run's index.
+
+    Runs in which the load does not at least double are left out.
+    """
     load, sinkage = points.measurements.conditions.load, points.measurements.channels["sinkage"]
     codes = runs_of(points.measurements)[1]
     for run in np.unique(points.run):
@@ -142,7 +164,10 @@ def _thirds(values: Array) -> tuple[Index, Index]:
 
 
 def _rise_of_line(points: Points) -> list[_Rise]:
-    """The same of a table without curves, of the line through it: the most that it may be."""
+    """Rise along a regression through a table without curves, with the upper limit of its power.
+
+    Empty where the load was hardly varied.
+    """
     mine = points.of_channel("sinkage") & (points.value > 0)
     load = points.column("load")[mine]
     if load.size <= 2 * _FEWEST or load.max() < _TIMES * load.min():
@@ -153,7 +178,7 @@ def _rise_of_line(points: Points) -> list[_Rise]:
 
 
 def _stuck_runs(points: Points) -> list[BadRun]:
-    """Curves along which the sinkage does not rise with the load, where it does in the others."""
+    """Runs along which the sinkage does not rise with the load, while it does in most others."""
     if "sinkage" not in points.channels or stuck(points):
         return []
     found = []
@@ -180,7 +205,7 @@ def _run(points: Points, value: int, deviations: float, against: str) -> BadRun:
 
 
 def _off_repeats(points: Points) -> list[BadRun]:
-    """Runs far off the others of their setting, where that has at least `_FEWEST`."""
+    """Runs far from the others of their setting, where that has at least `_FEWEST`."""
     found = {}
     for name in points.channels:
         mine = np.flatnonzero(points.of_channel(name) & ~points.swept)
@@ -195,11 +220,11 @@ def _off_repeats(points: Points) -> list[BadRun]:
 
 
 def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
-    """The run that lies furthest off what the model predicts of it from the others.
+    """The run furthest from what the model predicts of it from the others, if it is grossly wrong.
 
-    By the scatter of all. Of curves there are few, and one may hide in the scatter that it makes: where none
-    is far off, by that of all but the furthest (a studentised deviation: Cook and Weisberg 1982, ch. 2),
-    which it has to exceed as well as the robust one.
+    The scatter is that of all runs. Curves are few, and one of them may hide in the scatter that it causes:
+    where none is far off, the scatter of all but the furthest is used (a studentised deviation: Cook and
+    Weisberg 1982, ch. 2), and that run has to exceed the limit by it as well as by the robust deviation.
     """
     points = fitter.points
     worst, furthest, is_far = _furthest(fitter, fit, fit.scatter)
@@ -219,10 +244,11 @@ def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
 def _furthest(
     fitter: Fitter, fit: Fit, scatter: Scatter, least: float = 0.0
 ) -> tuple[int, float, bool]:
-    """The value whose run is furthest off under a scatter, by how much, and whether it does not belong.
+    """Find the run that is furthest from its prediction under a scatter.
 
-    least: lower limit of the robust deviation, in deviations of the scatter. -1 where no channel has enough
-    runs.
+    Returns the index of one of its values (-1 where no channel has enough runs), its distance in robust
+    standard deviations, and whether that makes it grossly wrong. `least` is a lower limit of the robust
+    deviation, in deviations of the scatter.
     """
     points = fitter.points
     s = fitter.variance.covariance(scatter, fit.stiffness, fit.taken_up)

@@ -4,10 +4,10 @@
 Each has a prior for its strength, so that all compete on equal terms:
 
 - soil: Student's t on the published range (a value outside costs, it is not forbidden); where nothing
-  is published, about the value at which the effect is absent, twice the starting strength wide;
-- instrument: `INSTRUMENT` of the reading;
-- an effect that the model has: the same law or another one of it, about its present strength;
-- unknown: a smooth of one setting at one stage (`curves`).
+  is published, about the value at which the effect is absent, with twice the starting strength as scale;
+- instrument: about no fault, with `INSTRUMENT` of the reading as scale;
+- an effect that the model has: in the same form about its present strength, in its other forms as above;
+- unknown: a smooth function of one setting at one stage (`curves`).
 """
 
 from __future__ import annotations
@@ -61,17 +61,24 @@ class Competitor:
     Attributes
     ----------
     family
-        Id of the effect, which all its forms share.
+        Id of the effect, which all its forms share; of a curve its own id, as `unknown:slip@sinkage`.
+    form
+        Name of the form of the effect; `curve` for a curve.
+    kind
+        `soil`, `instrument`, or `unknown` for a curve.
+    part
+        Its free parameters with their priors, as a fit uses them.
     effect
         The effect of the library; None for a curve.
     geometry
         Contact rule that it puts in place of the model's; None: the model's stays.
     replaces
-        Whether the model has another law of the family, which it replaces.
+        Whether the model already has an effect of the family, which it replaces.
     stage, span
-        Where a curve acts, and the setting that it follows; empty and None for an effect of the library.
+        Where a curve acts (a name in `curves.STAGES`), and the setting that it follows; empty and None for
+        an effect of the library.
     stands_for
-        Stages of effects of which the curve is the most general form.
+        Stages (methods) of effects of which the curve is the most general form.
     share
         Prior odds of the competitor being missing, against nothing missing.
     """
@@ -90,18 +97,18 @@ class Competitor:
 
     @property
     def key(self) -> tuple[str, str]:
-        """Identifies the competitor among all others."""
+        """Family and form, which identify the competitor among all others."""
         return self.family, self.form
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        """Settings that it follows."""
+        """Settings on which it depends."""
         if self.span is not None:
             return () if self.stage == "pressure" else (self.span.column,)
         return () if self.effect is None else self.effect.drivers
 
     def generalises(self, other: Competitor) -> bool:
-        """Whether this curve is the most general form of that named effect."""
+        """Whether this is a curve, and the most general form of the effect of `other`."""
         if self.span is None or other.effect is None:
             return False
         kind = type(other.effect)
@@ -113,14 +120,14 @@ class Competitor:
 
 
 def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
-    """Add a competitor to a parameter vector, in place of the effect that it replaces, if any.
+    """Return a parameter vector with a competitor in it, in place of the effect that it replaces, if any.
 
     Parameters
     ----------
     vector
-        The free parameters.
+        Names, priors and bounds of the free parameters.
     put_in
-        The competitor to add.
+        The competitor to add. A contact rule has no parameters: it replaces the vector's geometry.
     """
     parts = tuple(part for part in vector.parts if part.id != put_in.part.id)
     if put_in.geometry is not None:  # no effect with numbers
@@ -140,9 +147,9 @@ class Field:
     competitors
         All competitors.
     blocked
-        Families that cannot be tested, each with the reason.
+        Families that cannot be tested, each with the reason in words.
     kinds
-        Kind of every family.
+        Kind (`soil`, `instrument`, `unknown`) of every family.
     columns
         Settings on which effects can depend (`independent`), by name, shape (values,) each, SI units.
     """
@@ -171,7 +178,7 @@ class Field:
         competitors
             Those that take part.
         blocked
-            Families that cannot be tested, each with the reason; they are added to the present ones.
+            Further families that cannot be tested, each with the reason in words.
         """
         families = [c.family for c in competitors]
         each = EXPECTED_EFFECTS / max(len(set(families)), 1)
@@ -187,13 +194,18 @@ def field_of(
     Parameters
     ----------
     points
-        The measured values.
+        Measured values, each a mean over rows of one run and setting.
     model
         The base model.
     registry
-        All effects.
+        All effects of the library, and the user's own.
     without
-        Families that do not take part.
+        Families that do not take part; `unknown` stands for all curves.
+
+    Returns
+    -------
+    Field
+        The competitors with their prior odds, and the families that cannot be tested.
     """
     found: list[Competitor] = []
     blocked: dict[str, str] = {}
@@ -226,7 +238,7 @@ def _forms(
     model: Model,
     columns: Mapping[str, Array],
 ) -> tuple[list[Competitor], str]:
-    """The forms of a family that can act on this data, or why none can."""
+    """Forms of a family that can act on this data, as competitors, and the reason if there are none."""
     present = next((e for e in model.effects if e.id == family), None)
     found: list[Competitor] = []
     reason = ""
@@ -291,7 +303,7 @@ def _why_not(family: str, kind: type[Effect], points: Points, columns: Mapping[s
 
 
 def _prior(p: Parameter, effect: Effect, points: Points, present: float | None) -> Prior:
-    """What is known of a number before the data. present: its value where the model has this law."""
+    """Prior of a parameter; `present` is its value where the model has the effect in this form, else None."""
     low, high = p.bounds
     if present is not None:
         centre, wide = present, max(0.5 * abs(present), 1e-3 * (high - low))
@@ -308,7 +320,7 @@ def _prior(p: Parameter, effect: Effect, points: Points, present: float | None) 
 
 
 def _size(unit: str, points: Points) -> float:
-    """What a reading in that unit is like: of a force the load, of a length the sinkage, else 1."""
+    """Typical reading in a unit: of a force the median load, of a length the median sinkage, else 1."""
     if unit == "N":
         return float(np.median(points.column("load")))
     if unit == "m" and "sinkage" in points.channels:
@@ -317,7 +329,7 @@ def _size(unit: str, points: Points) -> float:
 
 
 def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -> list[Competitor]:
-    """Curves of each setting at each stage that this data can show, and of the depth."""
+    """Curves of each setting at each stage that this data can show, and one of the depth."""
     # In sinkage alone, stiffness and digging are one; in drawbar pull alone, a resistance is an error of
     # the law of thrust.
     rolling = points.conditions.rolling[points.row]
@@ -360,7 +372,11 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
 
 
 def independent(points: Points) -> dict[str, Array]:
-    """Settings that were varied and do not follow from others, by name; shape (values,) each, SI units."""
+    """Settings that were varied and do not follow from others, by name, SI, shape (values,) each.
+
+    An effect can only be attributed to such a setting. The load is left out where it was not set: where it
+    varies within runs, or is swept along curves.
+    """
     columns = points.varied
     return {
         name: column
@@ -373,16 +389,16 @@ def independent(points: Points) -> dict[str, Array]:
 
 
 def _sweeps(load: Array, points: Points) -> bool:
-    """Whether the load changes along the curves: it is depth by another name there."""
+    """Whether the load changes along the curves, where it is depth by another name."""
     change = np.log(load)
     along = change - _run_means(change, points)
     return float(np.var(along)) > WAVERS * float(np.var(change))
 
 
 def _wavers(points: Points) -> bool:
-    """Whether the load differs within runs by a fair share of what it differs by at all.
+    """Whether the load varies within runs by a fair share of its total variation.
 
-    Then it was not set: it answers the wheel's motion, where it also follows the other settings.
+    Then it was not set: it responds to the wheel's motion, and may follow other settings.
     """
     load = np.log(points.measurements.conditions.load)
     steady = [rows for rows, swept in zip(points.rows, points.swept, strict=True) if not swept]
@@ -395,9 +411,10 @@ def _wavers(points: Points) -> bool:
 
 
 def _at_runs(name: str, columns: dict[str, Array], points: Points) -> dict[str, Array]:
-    """The columns; where the named one is the same all along every run, their means over each run.
+    """Return the columns, or, where the named one is constant along every run, their means over each run.
 
-    Then each run is one piece of evidence on what it follows, however many settings others have in it.
+    Each run is then one piece of evidence on what that column follows, however many settings the others
+    have in it.
     """
     means = {n: _run_means(c, points) for n, c in columns.items()}
     if not np.allclose(means[name], columns[name], rtol=1e-6, atol=0.0):
@@ -406,7 +423,7 @@ def _at_runs(name: str, columns: dict[str, Array], points: Points) -> dict[str, 
 
 
 def _run_means(column: Array, points: Points) -> Array:
-    """Of each value the mean over its run, shape (values,)."""
+    """Mean over the value's run, shape (values,)."""
     run = np.unique(points.run, return_inverse=True)[1].reshape(-1)
     return np.asarray((np.bincount(run, column) / np.bincount(run))[run])
 
@@ -414,15 +431,16 @@ def _run_means(column: Array, points: Points) -> Array:
 def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
     """Whether a column can be computed from other settings (a rim's speed, a load that falls while skidding).
 
-    Ranks are compared, so that any rising or falling relation counts: with one setting, or with all of them,
-    their squares and their products (adjusted for the number of terms).
+    Ranks are compared, so that any rising or falling relation counts: with one setting, or with all of
+    them, their squares and their products (R^2 adjusted for the number of terms).
 
     Parameters
     ----------
     name
-        The column.
+        Name of the column to judge.
     columns
-        Varied columns by name, each of shape (values,).
+        Varied columns by name, each of shape (values,). Of the others, load and settings with effects of
+        their own (`SETTINGS`) count.
     """
     others = [c for n, c in columns.items() if n != name and n in SETTINGS]
     others += [columns["load"]] if "load" in columns and name != "load" else []
@@ -443,7 +461,7 @@ def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
 
 
 def _ranks(column: Array) -> Array:
-    """Ranks between -1 and 1; what agrees to a hundredth of the range has one rank."""
+    """Ranks scaled to a range of 2; values that agree to a hundredth of the range share a rank."""
     steps = cluster(column, _ONE_RANK * float(np.ptp(column)))
     _, place, count = np.unique(steps, return_inverse=True, return_counts=True)
     ranks = (np.cumsum(count) - 0.5 * count)[place.reshape(-1)]

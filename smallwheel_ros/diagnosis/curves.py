@@ -3,8 +3,8 @@
 
     ln factor = sum over j of c_j P_j(x),  c_j ~ N(0, s_j^2)
 
-with Legendre polynomials of the setting, scaled to -1 .. 1. Slip, slip angle, pass number and the
-like have a value at which they have no effect: their curves are one-sided, and 0 there.
+with P_j the Legendre polynomials, and x the setting, scaled to -1 .. 1. Slip, slip angle, pass number and
+the like have a value at which they have no effect: their curves are one-sided, and 0 there.
 """
 
 from __future__ import annotations
@@ -51,9 +51,12 @@ class CurveSpan:
     column
         Name of the setting.
     middle, half
-        Middle and half width of the range, SI.
+        Middle and half width of the range, in the setting's SI unit (at the stage `pressure`, of ln depth).
+        Of a one-sided range, the value at which the setting has no effect, and the distance from there to
+        the far end.
     side
-        0, or the sign of a one-sided range, whose curve is 0 at `middle`.
+        Sign of a one-sided range (1 above `middle`, -1 below), whose curve is 0 at `middle`; 0 if
+        two-sided.
     """
 
     column: str
@@ -62,13 +65,16 @@ class CurveSpan:
     side: int = 0
 
     def scaled(self, values: Array) -> Array:
-        """The setting scaled to -1 .. 1; if one-sided, to 0 at the anchor and 1 at its largest value."""
+        """Scale a setting to -1 .. 1, or, if one-sided, to 0 at `middle` and 1 at the far end.
+
+        Values beyond the range are clipped at 1.2 and, if two-sided, -1.2; NaN becomes 0.
+        """
         x = np.nan_to_num((values - self.middle) / self.half)
         return np.clip(self.side * x, 0.0, 1.2) if self.side else np.clip(x, -1.2, 1.2)
 
 
 def _series(coefficients: Mapping[str, Any], span: CurveSpan, x: Array) -> Array:
-    """The curve at scaled settings x; names are `c0`, `c1`, ... ."""
+    """Sum of the curve's terms at scaled settings x; the coefficients are named `c0`, `c1`, ... by degree."""
     u = 2.0 * x - 1.0 if span.side else x
     total: Array = np.zeros_like(x)
     for name, c in coefficients.items():
@@ -87,9 +93,9 @@ class Curve(Effect):
     span
         The setting and its range.
     coefficients
-        Coefficients of the Legendre polynomials, by name, 1.
+        Coefficients of the Legendre polynomials, dimensionless, named `c0`, `c1`, ... by degree.
     size
-        Scale of a curve that is added to a value, N or m.
+        Scale of a curve that is added to a value, N or m; 1 for a factor.
     """
 
     id: ClassVar[str] = "unknown"
@@ -98,7 +104,10 @@ class Curve(Effect):
     size: float = 1.0
 
     def log_factor(self, conditions: Conditions) -> Array:
-        """ln of the factor on each row."""
+        """ln of the factor in each row, shape (rows,); of a curve that is added, its value over a scale.
+
+        The scale is `size`, of a force a quarter of `size` or of the load.
+        """
         x = self.span.scaled(conditions[self.span.column])
         return _series(self.coefficients, self.span, x)
 
@@ -142,11 +151,12 @@ class Stage(NamedTuple):
     method
         Name of the effect's method.
     acts
-        Function that changes the value.
+        Function that takes the place of that method. It takes what the method takes, the effect first and
+        the conditions last, and returns an array of shape (rows,).
     stands_for
-        Stages of effects of which the curve is the most general form.
+        Methods of effects of which the curve is the most general form.
     unit
-        Unit of a curve that is added to the value; "1" for a factor.
+        Unit of a curve that is added to the value; `1` for a factor.
     """
 
     method: str
@@ -181,18 +191,20 @@ def curve_part(
 ) -> EffectPart:
     """Make a curve that a fit can use as an effect.
 
+    Its coefficients have Gaussian priors about 0, narrower for higher degrees.
+
     Parameters
     ----------
     name
         Id of the part.
     stage
-        Stage of the physics on which the curve acts.
+        Where the curve acts: a name in `STAGES`.
     span
-        Setting, middle and half width of the curve.
+        The setting that it follows, and the range.
     first
         Degree of its first term.
     terms
-        Number of its terms.
+        Number of its terms, up to 3, or 4 from degree 0.
     size
         Scale of a curve that is added, N or m.
     """
@@ -209,14 +221,19 @@ def curve_part(
 
 
 def spans_of(column: str, values: Array) -> list[CurveSpan]:
-    """The spans over which a setting varies: one, or one on each side of the value at which it has no effect.
+    """Return the spans of a setting: one, or one on each side of the value at which it has no effect.
 
     Parameters
     ----------
     column
-        The setting.
+        Name of the setting.
     values
-        Shape (rows,), SI.
+        Its values, shape (rows,), SI.
+
+    Returns
+    -------
+    list of CurveSpan
+        A side that has under a twentieth of the range is left out.
     """
     low, high = float(values.min()), float(values.max())
     if column not in ANCHORS:
@@ -229,14 +246,14 @@ def spans_of(column: str, values: Array) -> list[CurveSpan]:
 
 
 def distinct(values: Array, span: CurveSpan) -> int:
-    """Largest number of terms of a curve over a span, which is limited by the different settings within it.
+    """Return the largest number of terms that a curve can have, given the different settings in its span.
 
     Parameters
     ----------
     values
         Values of the setting, shape (rows,), SI.
     span
-        The span.
+        Setting and range over which the curve is scaled.
     """
     x = (values - span.middle) / span.half
     if not span.side:
@@ -248,25 +265,26 @@ def distinct(values: Array, span: CurveSpan) -> int:
 def curve_shown(
     part: EffectPart, stage: str, span: CurveSpan, values: Array, fit: Fit
 ) -> dict[str, Any]:
-    """A fitted curve: its factor over the setting, with a 95 % band.
+    """Compute a fitted curve for display, with a 95 % band.
 
     Parameters
     ----------
     part
-        The curve.
+        The curve with its coefficients, as `curve_part` makes it.
     stage
-        Stage of the physics on which it acts.
+        Where it acts: a name in `STAGES`.
     span
-        Its span.
+        The setting that it follows, and the range.
     values
-        Values of the setting, where it was measured, shape (rows,), SI.
+        Values of the setting where it was measured, shape (rows,), SI.
     fit
         A fit with the curve.
 
     Returns
     -------
     dict
-        setting, stage; x (SI), factor, low, high of shape (points,).
+        `setting` and `stage`, and arrays of shape (25,): `x` (the setting, SI) and `factor`, `low`, `high`,
+        exp of `Curve.log_factor` and of its band.
     """
     mine = values if not span.side else values[span.side * (values - span.middle) >= 0]
     x = np.linspace(float(mine.min()), float(mine.max()), _POINTS, dtype=np.float64)

@@ -42,7 +42,7 @@ _AS_GOOD = 1.1  # of what a true model leaves: a held-out error is known to a te
 
 
 def plain(value: Any) -> Any:
-    """Convert to plain values with six digits; numbers that are not finite become null."""
+    """Convert to plain values with six significant digits, at any depth; NaN and infinity become None."""
     return each(value, _short)
 
 
@@ -54,7 +54,7 @@ def _short(value: Any) -> Any:
 
 
 def _head(problem: Problem, word: str, reason: str) -> Entry:
-    """What every document has, before there is a result."""
+    """Entries that every document has, without a result."""
     measurements = problem.points.measurements
     return {
         "schema": SCHEMA,
@@ -76,7 +76,7 @@ def _head(problem: Problem, word: str, reason: str) -> Entry:
 
 
 def insufficient(problem: Problem, reason: str, field: Field | None = None) -> Entry:
-    """The document of a diagnosis for which there is too little data.
+    """Make the document of a diagnosis for which there is too little data.
 
     Parameters
     ----------
@@ -85,7 +85,12 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
     reason
         What is lacking, in words.
     field
-        The competitors, where the base model can be fitted; else None.
+        The competitors, to list them as not testable; None where the base model cannot be fitted either.
+
+    Returns
+    -------
+    dict
+        As `document_of`, with the verdict `insufficient_data`; its errors are in sample.
     """
     document = _head(problem, "insufficient_data", reason)
     if field is not None:
@@ -110,11 +115,16 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
     Parameters
     ----------
     evidence
-        The evidence.
+        Everything that was computed about the table.
     verdict
         The verdict that was reached from it.
     seed
-        Seed of the test of where the base fails.
+        Seed of the test of where the base model fails.
+
+    Returns
+    -------
+    dict
+        The content of the JSON, described in docs/diagnosis.md; SI units. Not yet plain values (`plain`).
     """
     problem, found, told = evidence.problem, evidence.found, evidence.told
     judged, measurements = problem.judged, problem.points.measurements
@@ -180,9 +190,10 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
 
 
 def _findings(verdict: Verdict, points: Points, floors: Mapping[str, float]) -> dict[str, str]:
-    """What the verdict is for each channel, in words. points: those of the channels that decided.
+    """State the verdict for each channel in words.
 
-    floors: what a true model would leave.
+    `points` are those of the channels that decided, `floors` the errors that a true model would leave, by
+    channel.
     """
     first, last_errors = verdict.steps[0].errors, verdict.steps[-1].errors
     before, falls = first.rmse(), compare_cv(first, last_errors).reduction
@@ -210,7 +221,7 @@ def _findings(verdict: Verdict, points: Points, floors: Mapping[str, float]) -> 
 def _channels(
     problem: Problem, errors: CvErrors, floors: Mapping[str, float], findings: Mapping[str, str]
 ) -> Entry:
-    """Errors of each channel beside the noise. floors: what the true model would leave."""
+    """Errors of each channel beside the noise; `floors` are the errors that the true model would leave."""
     repeats = repeatability(problem.points.measurements)
     found = {}
     for name, score in errors.scores().items():
@@ -238,10 +249,10 @@ def _ranking(
     base: CvErrors,
     learnt: Collection[str],
 ) -> list[Entry]:
-    """Every effect that competed or could not, the most probable first.
+    """One row for every effect that competed or could not be tested, the most probable first.
 
-    errors: held-out errors of families alone, where they were worked out. learnt: families that were
-    learnt from this data, and have no p.
+    `errors` are held-out errors of families alone, where they were computed; `learnt` are families that
+    were learnt from this data, which have no p-value.
     """
     field, chance = found.field, verdict.probabilities
     listed = [
@@ -305,7 +316,7 @@ def _row(
 
 
 def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
-    """The row of the fault that pull and torque name, the first of the steps."""
+    """The ranking's row of the fault that pull and torque indicate, which is the first of the steps."""
     name, fit = told.part.id, problem.refitted(steps[-1].model)
     law = next(e for e in fit.model.effects if e.id == name)
     parameters = _parameters(fit, fit.covariance, name, None)
@@ -330,10 +341,10 @@ def _entry(
     after: CvErrors | None,
     channels: Sequence[str],
 ) -> Entry:
-    """What a row says of the law and of the held-out error: of the base, and with the effect.
+    """What a row of the ranking says of the law, and of the held-out error without and with the effect.
 
-    channels: that decide. reduction: relative fall of the error, root mean square over these of each
-    one's ratio.
+    `channels` are those that decide. `reduction` is 1 minus the root mean square, over these, of the ratio
+    of the error with the effect to that without.
     """
     first, second = before.rmse(), {} if after is None else after.rmse()
     ratios = [second[c] / first[c] for c in channels if first.get(c, 0.0) > 0 and c in second]
@@ -348,9 +359,9 @@ def _entry(
 
 
 def _parameters(fit: Fit, covariance: Any, part: str, law: Effect | None) -> Entry:
-    """The numbers of a part of a fit.
+    """Value, standard deviation and published range of each parameter of a part of a fit.
 
-    covariance: that of theta. law: the effect whose published ranges are shown.
+    `covariance` is that of theta, `law` the effect whose published ranges are shown.
     """
     published = {} if law is None else {p.name: p.published for p in law.parameters()}
     found = {}
@@ -388,19 +399,19 @@ def _reason(
 def failing_settings(
     document: Mapping[str, Any], settings: Collection[str]
 ) -> list[tuple[str, str]]:
-    """Channel and setting of each region in which a diagnosis says that the model fails.
+    """Return the channel and setting of each region in which a diagnosis says that the model fails.
 
     Parameters
     ----------
     document
         Document of the diagnosis.
     settings
-        Names of the table's settings.
+        Names of the table's settings; regions of other columns are left out.
 
     Returns
     -------
     list of (str, str)
-        Without repeats.
+        Channel and setting, the clearest failure first, without repeats.
     """
     found = []
     for region in document.get("where_it_fails") or []:

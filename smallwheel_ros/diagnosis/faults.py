@@ -43,12 +43,12 @@ class Witness:
     Attributes
     ----------
     part
-        The effect under its prior.
+        The effect under its usual prior.
     told
-        The same effect with the posterior that pull and torque give it as its prior: for fits to
-        sinkage alone.
+        The same effect with the posterior from pull and torque as its prior, for fits to the other channels
+        alone.
     evidence
-        ln evidence with it minus that without it, nats.
+        ln evidence of pull and torque with the fault minus that without it, nats.
     probability
         Probability of the fault, from pull and torque alone.
     base, errors
@@ -65,7 +65,7 @@ class Witness:
 
 @dataclass(frozen=True)
 class _AsShown(Effect):
-    """The sinkage that the instrument showed, less its fault: in the place of every law of sinkage."""
+    """Sinkage as the instrument showed it, corrected for a fault, in place of every law of sinkage."""
 
     id = "as_shown"
     needs: ClassVar[tuple[str, ...]] = (_SHOWN,)
@@ -82,21 +82,22 @@ class _AsShown(Effect):
 
 
 def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
-    """Find the sinkage fault that pull and torque support and that lowers a held-out error.
+    """Find a fault of the sinkage gauge that pull and torque support and that lowers a held-out error.
 
     Parameters
     ----------
     problem
         The table and the base model.
     registry
-        Registry of effects.
+        All effects; the faults are those of one parameter that change the shown sinkage.
     without
-        Ids of effects that do not take part.
+        Ids of effects that do not compete.
 
     Returns
     -------
     Witness or None
-        None where there is no such fault.
+        None where there is no such fault, or the table cannot show one: without sinkage, without pull and
+        torque, or with fewer than `FEWEST_RUNS` runs.
     """
     points = problem.points
     if points.run_count < constants.FEWEST_RUNS or "sinkage" not in points.channels:
@@ -118,7 +119,7 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
 
 
 def _probability(evidence: float, families: int) -> float:
-    """Of one fault, by its evidence (nats) and its prior odds: as many effects as are expected, of all."""
+    """Probability of one fault from its evidence (nats) and its prior odds, `EXPECTED_EFFECTS` / families."""
     odds = constants.EXPECTED_EFFECTS / families * float(np.exp(min(evidence, 50.0)))
     return odds / (1.0 + odds)
 
@@ -132,7 +133,7 @@ def _faults(registry: Registry, blocked: Collection[str]) -> Iterator[Effect]:
 
 
 def _as_measured(points: Points) -> Points:
-    """Pull and torque where the sinkage was measured too, with it as a column."""
+    """Values of pull and torque at points with a measured sinkage, which is added as a column."""
     shown = np.full(len(points.conditions), np.nan)
     mine = points.of_channel("sinkage")
     shown[points.row[mine]] = points.value[mine]
@@ -144,7 +145,10 @@ def _as_measured(points: Points) -> Points:
 
 
 def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, EffectPart, float] | None:
-    """One fault, before and after pull and torque, with its evidence; None where it cannot be fitted."""
+    """Fit one fault to pull and torque; None where it cannot be fitted.
+
+    Returns the effect with its prior, with its posterior as prior, and its evidence over none (nats).
+    """
     (known,) = effect.parameters()
     prior = instrument_prior(known, 1.0)
     plain = part_of(effect, {known.name: prior})

@@ -42,9 +42,9 @@ class Step:
     Attributes
     ----------
     added
-        The effect that this model has and the one before has not; None for the base model.
+        Id of the effect that this model has and the one before has not; None for the base model.
     model
-        The fitted model.
+        The model, fitted to all runs.
     errors
         Its held-out errors.
     """
@@ -61,19 +61,22 @@ class HeldOut:
     Attributes
     ----------
     steps
-        The base, and the model after each name that helps a channel.
+        The base, and the model after each named effect is added.
     named
-        Names of the effects that were added.
+        Families of the effects that were added.
     best
         The model with laws of the library for these names; the most probable model if there are none.
     useless
-        Names that help no channel: a set for each round, the last round first.
+        Families that the probabilities name and that lower the error of no channel: a set for each time
+        that the errors were computed, the last first.
+    falls
+        For each family in `useless`, the relative reduction of the held-out error by channel, where known.
     blind
         Laws named by evidence alone, since predictions of a left-out run could only extrapolate.
     worse
         Channels whose error rises with the named effects.
     forces
-        The channels among `worse` that are pull or torque, which do not decide.
+        The channels of pull and torque whose error rises; these do not decide.
     rivals_help
         Whether an error falls with one of the rivals; true if there are none.
     besides
@@ -95,7 +98,8 @@ class HeldOut:
 def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     """Compute held-out errors of the base model, and after adding each effect that the probabilities name.
 
-    A name that helps no channel is removed, and the errors of the others are computed without it.
+    A name that lowers the error of no channel is removed, and the errors of the others are computed without
+    it.
 
     Parameters
     ----------
@@ -105,6 +109,11 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
         All models that were fitted.
     posterior
         Probabilities of the effects.
+
+    Returns
+    -------
+    HeldOut
+        The errors, and which names are left.
     """
     judged, best, names = problem.judged, posterior.best, posterior.named
     useless: list[tuple[str, ...]] = []
@@ -153,9 +162,9 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
 def _helps(before: CvErrors, after: CvErrors, sizes: Mapping[str, Array]) -> bool:
     """Whether the error of a channel falls, and by more than its standard error.
 
-    That of the errors as they are is one of the few largest values, since errors grow with them: a single run
-    under the largest load outweighs all others. So a fall by more than that of errors in shares of the
-    size of each value counts as well.
+    Absolute errors are dominated by a few of the largest values, since errors grow with them: a single run
+    under the largest load outweighs all others. So a fall by more than the standard error of the errors
+    relative to the size of each value counts as well.
     """
     change = compare_cv(before, after)
     in_shares = compare_cv(before.over(sizes), after.over(sizes)).better
@@ -163,9 +172,9 @@ def _helps(before: CvErrors, after: CvErrors, sizes: Mapping[str, Array]) -> boo
 
 
 def _evidence_alone(points: Points, law: Competitor, before: CvErrors, after: CvErrors) -> bool:
-    """Whether left-out runs say nothing against a law that acts on one side of a setting.
+    """Whether left-out runs cannot speak against a law that acts on one side of a setting.
 
-    A run has no say where the fold without it has nothing near its setting: its error is then one of
+    A run does not count where the fold without it has nothing near its setting: its error is then one of
     extrapolation. The others have to show that the law helps, if there are any that it acts on.
     """
     side = 0 if law.effect is None else law.effect.side
@@ -186,7 +195,7 @@ def _evidence_alone(points: Points, law: Competitor, before: CvErrors, after: Cv
 
 
 def _staircase(found: Search, best: Candidate, names: Collection[str]) -> list[Candidate]:
-    """The base and the models with one, two, ... of what is named, the one that says most first."""
+    """The base, and the models with one, two, ... of the named effects, the most probable one first."""
     models = [found.none]
     remaining = [c for c in best.competitors if c.family in names]
     while remaining:
@@ -202,7 +211,7 @@ def _staircase(found: Search, best: Candidate, names: Collection[str]) -> list[C
 
 
 def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
-    """Held-out errors of a model after each step; every command that prints them takes them from here.
+    """Compute held-out errors of a model after each step, as every command reports them.
 
     Each chosen model is fitted to all channels with the weights of an ordinary fit, as a command would
     write it to a file.
@@ -212,9 +221,14 @@ def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
     problem
         The table and the base model.
     choose
-        Function that returns the models, fitted to a fold's training points.
+        Function that returns the models, fitted to a fold's training points, in the order of the steps.
     steps
-        Number of models.
+        Number of models; if `choose` returns fewer, the last one stands for the rest.
+
+    Returns
+    -------
+    list of CvErrors
+        One for each step, of the table's rows.
     """
     judged = problem.judged.points
 
@@ -239,11 +253,11 @@ def kept(choose: Choose) -> Choose:
 
 
 def _chosen_anew(judged: Problem, found: Search, chain: list[frozenset[str]]) -> Choose:
-    """The base and the model of each step, chosen anew from a fold's own runs.
+    """Return a function that chooses the base and the model of each step anew from a fold's training points.
 
-    chain: families of each step. Of the last step's size a fold takes its most probable model, by its
-    own runs alone, of a shortlist of the search of all runs.
-    A step on the way has the families that it is called by; their forms are chosen anew.
+    `chain` has the families of each step. For the last step a fold takes the model of that size that is
+    most probable by its own runs, from a shortlist of the search of all runs. A step before has the
+    families in `chain`; only their forms are chosen anew.
     """
     # What is named is added as a law of the library.
     laws = [m for m in found.ordered if all(c.kind != "unknown" for c in m.competitors)]
@@ -265,7 +279,7 @@ def _chosen_anew(judged: Problem, found: Search, chain: list[frozenset[str]]) ->
 
 
 def _as_they_are(judged: Problem, models: Sequence[Fit]) -> Choose:
-    """Models as they are, fitted in each fold from where they were."""
+    """Return a function that fits given models to a fold's training points, without choosing among them."""
 
     def choose(training: Points) -> Sequence[Fit]:
         (fitter, _), seen = judged.fold(training), judged.points.of_runs(training)
@@ -281,7 +295,7 @@ def _as_they_are(judged: Problem, models: Sequence[Fit]) -> Choose:
 
 
 def _any_helps(problem: Problem, found: Search, rivals: Collection[str]) -> bool:
-    """Whether with one of the rivals a held-out error falls, be it within its standard error."""
+    """Whether one of the rivals lowers a held-out error by `USEFUL`, be it within its standard error."""
     best = {f: next((m for m in found.ordered if f in m.families), found.none) for f in rivals}
     models = [found.none, *best.values()]
     choose = _as_they_are(problem.judged, models)
@@ -295,8 +309,8 @@ def _besides(
 ) -> tuple[str, ...]:
     """Effects of the soil that lower the error of a channel which no rival acts on.
 
-    The probabilities may have left them out for a rival that lets k and n imitate them. A sensor is not
-    blamed without probability.
+    The probabilities may have rejected them in favour of a rival with which k and n can imitate them. A
+    sensor is not blamed without probability.
     """
     competitors = [c for c in found.field.competitors if c.effect is not None]
     acts_on = {c.family: set(c.effect.channels) for c in competitors if c.effect is not None}
@@ -320,7 +334,7 @@ def _besides(
 def errors_alone(
     problem: Problem, found: Search, held: HeldOut, probabilities: Mapping[str, float]
 ) -> dict[str, CvErrors]:
-    """Held-out errors of the most probable families, each alone in its best form.
+    """Compute held-out errors of the most probable families, each alone in its best form.
 
     Parameters
     ----------
@@ -329,9 +343,14 @@ def errors_alone(
     found
         All models that were fitted.
     held
-        Errors of the steps; a family that is the first step has that step's error.
+        Errors of the steps; the family added in the first step has that step's error.
     probabilities
         Probability of each family, 0 to 1.
+
+    Returns
+    -------
+    dict of CvErrors
+        By family, for the five most probable ones that were fitted alone, and that of the first step.
     """
     known = {step.added: step.errors for step in held.steps[1:2] if step.added is not None}
     families = sorted(found.field.kinds, key=lambda f: -probabilities.get(f, 0.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a model leaves unexplained: misfit beyond repeats, a saturated sensor, regions of failure, residuals.
+"""What a model leaves unexplained: lack of fit, a saturated sensor, regions where it fails, residuals.
 
 Errors are relative to the size of a value, and the run is the unit of evidence.
 """
@@ -53,18 +53,19 @@ _FAR_OFF = 3.0  # standard errors of a part's mean, from which it is reported
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Misfit of a channel from setting to setting, compared with how far runs of one setting differ.
+    """Misfit of a channel from setting to setting, compared with the differences of runs of one setting.
 
     Attributes
     ----------
     ratio
-        Root of F: the misfit in standard deviations of a setting's mean.
+        Square root of F: the misfit in the standard deviations that repeats and the usual errors of a law
+        allow.
     p
-        p value of F.
+        p-value of F.
     misfit
-        Root mean square of the settings' relative misfits, 1.
+        Root mean square of the settings' mean residuals, relative to the size of a value.
     at
-        The setting that is furthest off, in words.
+        The setting with the largest misfit, in words.
     """
 
     ratio: float
@@ -74,23 +75,25 @@ class LackOfFit:
 
 
 def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
-    """The F test of lack of fit (Fisher 1922; Draper and Smith 1998, ch. 2) by channel.
+    """Test each channel for lack of fit (F test: Fisher 1922; Draper and Smith 1998, ch. 2).
 
-    F = sum n m^2 / (settings - parameters) over sum (r - m)^2 / (runs - settings) + n u^2, r the
-    relative residual of a run, m the mean of a setting's n runs. No law is exact: u is the largest
-    usual relative error of a law.
+        F = [sum n m^2 / (settings - parameters)] / [sum (r - m)^2 / (runs - settings) + n u^2]
+
+    with r the relative residual of a run, and m the mean of a setting's n runs. No law is exact: u is the
+    largest usual relative error of a law. Values of swept runs are not used.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        The fit.
+        A converged fit by `fitter`.
 
     Returns
     -------
     dict of LackOfFit
-        Result for each channel that has settings which several runs repeat.
+        By channel, for those with settings that several runs repeat, and with more settings than
+        parameters.
     """
     points, found = fitter.points, {}
     share = (points.value - fit.predicted) / fitter.level
@@ -121,18 +124,18 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
 
 @dataclass(frozen=True)
 class Plateau:
-    """Largest values of a channel, and how close together they lie.
+    """A group of a channel's largest values that lie close together.
 
     Attributes
     ----------
     count
-        How many values lie close together.
+        Number of values in the group.
     value
         Their geometric mean, in the channel's SI unit.
     span
-        How far the largest is over the smallest, as a share of the smallest.
+        Relative difference of the largest from the smallest: largest / smallest - 1.
     p
-        Probability that chance alone brings values so close together.
+        Probability that chance alone brings the largest values so close together.
     """
 
     count: int
@@ -142,23 +145,23 @@ class Plateau:
 
 
 def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
-    """Test whether a channel's largest values lie so close together as those of a saturated sensor do.
+    """Test whether a channel's largest values lie as close together as those of a saturated sensor.
 
-    The statistic is the largest of -ln(variance of ln y over the k largest values), with k up to half of
-    the values, and standardised for each k. Its distribution comes from data that is drawn from the fit with
+    The statistic is the largest of -ln(variance of ln y over the k largest values), with k from 4 to half
+    of the values, standardised for each k. Its distribution comes from data that is drawn from the fit with
     its scatter, and rounded to the resolution of the measurements.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        The fit.
+        A converged fit by `fitter`.
 
     Returns
     -------
     dict of Plateau
-        Result for each positive channel.
+        By channel, for those with at least 8 values, all of them positive; not for pull and torque.
     """
     points, found = fitter.points, {}
     deviation = np.sqrt(np.diag(fitter.covariance(fit).matrix))
@@ -199,9 +202,9 @@ class Misfit:
     lack_of_fit, plateaus
         Results of `lack_of_fit` and `plateaus`, by channel.
     scatter
-        Standard deviation of each variance component of that model.
+        Standard deviation of each variance component of that model, by name (`Scatter`).
     mixed
-        Components of scatter that show runs of more than one soil (`_mixed`).
+        Those of `scatter` that show that runs of different soils bear one name; usually empty.
     """
 
     lack_of_fit: Mapping[str, LackOfFit]
@@ -211,7 +214,10 @@ class Misfit:
 
 
 def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
-    """Misfit of the model with the named effects if no other question is open, else of the base.
+    """Compute the misfit of the best explanation of the data.
+
+    That is the model with the named effects if no other question is open, else the most probable model. If
+    nothing is missing, lack of fit and plateaus are those of the base model.
 
     Parameters
     ----------
@@ -220,7 +226,7 @@ def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
     posterior
         Probabilities of the effects.
     held
-        Held-out errors, and what is named.
+        Held-out errors, and the effects that are named after them.
     """
     rivals = posterior.rivals or held.useless
     named_alone = held.named and not rivals and not posterior.unknown
@@ -235,10 +241,10 @@ def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
 
 
 def _mixed(fitter: Fitter, fit: Fit) -> dict[str, float]:
-    """What runs differ by where it is `unusual`, and no less than what all measured values differ by.
+    """Unusual components of scatter between runs where the fit explains none of a channel's variance.
 
-    The law then explains none of it, as where soils of any firmness bear one name, and evidence on what
-    it lacks is none.
+    The model's variance is then at least that of the measured values, as where soils of any firmness bear
+    one name, and evidence on what the law lacks counts for nothing.
     """
     points, large, found = fitter.points, unusual(fitter, fit.scatter), dict[str, float]()
     variance = np.diag(fitter.covariance(fit).matrix)
@@ -257,28 +263,30 @@ def where_it_fails(
 ) -> list[Entry]:
     """Find the regions in which each channel fails most, as far as that is not chance.
 
-    A cut splits the points at one value of one setting. Its statistic is the difference of the mean error of
-    its two sides, relative to the level, over the standard error of that difference; the largest over all
-    cuts counts. Its distribution comes from reversing the sign of whole runs' errors at random.
+    A cut splits the points at one value of one setting. Its statistic is the difference of the mean error
+    of its two sides, relative to the level, over the standard error of that difference; the largest over
+    all cuts counts. Its distribution comes from reversing the sign of whole runs' errors at random.
 
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     errors
-        Held-out errors.
+        Held-out errors of the table's rows.
     level
-        Size of each value, shape (values,), m, N or N m.
+        Size of each value (`levels_of`), shape (values,), m, N or N m.
     seed
         Seed of the random signs.
     certain
-        Whether the model is known to fail somewhere: then the worst cut is returned even if there are
-        too few runs to confirm it.
+        Whether the model is known to fail somewhere: then the worst cut is returned even if chance may
+        explain it.
 
     Returns
     -------
     list of dict
-        region, rows, channel; bias and rmse (m, N or N m); p_value over all cuts of the channel.
+        At most six, the clearest first, each with `region`, as `slip > 0.3` (SI); `channel`; `rows`, their
+        number in the region; `bias` (mean of measured minus predicted) and `rmse` there, `rmse_elsewhere`,
+        in m, N or N m; and `p_value`, over all cuts of the channel.
     """
     generator = np.random.default_rng([seed, 13])
     found: list[Entry] = []
@@ -325,7 +333,7 @@ def where_it_fails(
 
 
 def _cut_by(points: Points) -> dict[str, Array]:
-    """What is cut: the settings that vary, and the size of one that has both signs."""
+    """Settings by which the points are cut, and the absolute value, `|NAME|`, of one with both signs."""
     columns = {}
     for name, column in points.varied.items():
         columns[name] = column
@@ -336,7 +344,10 @@ def _cut_by(points: Points) -> dict[str, Array]:
 
 
 def _cuts(setting: Array, runs: Index) -> tuple[Mask, Array]:
-    """Masks of what lies above each cut, shape (cuts, values), and the cuts; enough runs on both sides."""
+    """Cuts with enough runs on both sides, and masks of the values above each.
+
+    Returns the masks, shape (cuts, values), and the cuts, shape (cuts,).
+    """
     levels = np.unique(setting)
     wide = np.diff(levels) > 1e-3 * np.ptp(levels)
     cuts = (0.5 * (levels[1:] + levels[:-1]))[wide]
@@ -346,7 +357,7 @@ def _cuts(setting: Array, runs: Index) -> tuple[Mask, Array]:
 
 
 def _apart(share: Array, above: Mask) -> Array:
-    """Difference of the two sides' means over its standard error, shape (data sets, cuts)."""
+    """Absolute difference of the two sides' means over its standard error, shape (data sets, cuts)."""
     size, high = above.shape[1], above.sum(axis=1)
     total, square = share.sum(axis=1, keepdims=True), (share**2).sum(axis=1, keepdims=True)
     mean_high = share @ above.T.astype(float) / high
@@ -362,9 +373,9 @@ def setting_of(points: Points, values: Index) -> str:
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     values
-        Numbers of the values, shape (chosen,).
+        Indices of the values, shape (chosen,).
     """
     named = {n: float(np.median(c[values])) for n, c in points.varied.items()}
     return ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in named.items())
@@ -373,22 +384,23 @@ def setting_of(points: Points, values: Index) -> str:
 def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
     """Name the end of a setting's range from which most of a held-out error comes, if there is one.
 
-    Only ends with few runs that no other run repeats are considered: once such a run is left out, the
-    others can hardly do more than extrapolate.
+    Only ends with one or two runs that no other run repeats are considered: once such a run is left out,
+    the others can hardly do more than extrapolate.
 
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     errors
         Held-out errors.
     channel
-        The channel.
+        Name of a measured quantity, such as `sinkage`.
 
     Returns
     -------
     str
-        In words; empty if it comes from no such end.
+        A clause with the errors at that end and elsewhere, and what to measure; empty if there is no such
+        end.
     """
     mine = points.of_channel(channel) & ~points.swept
     square = np.array([np.mean(errors.error[channel][rows] ** 2) for rows in points.rows])
@@ -416,21 +428,23 @@ def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
 
 
 def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
-    """Mean relative residual (measured less predicted) by channel: over thirds of settings, groups of rows.
+    """Average the relative residuals of each channel over thirds of each setting, and over groups of rows.
+
+    A residual is measured minus predicted, relative to the size of the value.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        The fit.
+        A converged fit by `fitter`.
 
     Returns
     -------
     list of dict
-        One for each channel and setting or group (wheel, soil, labels): `channel`; `setting` or `group`, its
-        name; `parts`, each with `at` (median of the setting, or the label), `runs` (their number), `mean` and
-        `std` (standard error by runs; None of one).
+        One for each channel and setting or group (wheel, soil, labels): `channel`; `setting` or `group`,
+        its name; `parts`, each with `at` (median of the setting in SI, or the label), `runs` (their
+        number), `mean`, and `std` (standard error from the spread over runs; None of a single run).
     """
     points = fitter.points
     share = (points.value - fit.predicted) / fitter.level
@@ -464,26 +478,26 @@ def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
 
 
 def _part(share: Array, run: Index) -> Entry:
-    """Mean of some relative residuals and its standard error, by runs."""
+    """Number of runs, mean relative residual over them, and its standard error (None of a single run)."""
     means = np.array([share[run == r].mean() for r in np.unique(run)])
     error = float(means.std(ddof=1) / np.sqrt(means.size)) if means.size > 1 else None
     return {"runs": int(means.size), "mean": float(means.mean()), "std": error}
 
 
 def worst_left(left: list[Entry], measurements: Measurements) -> str:
-    """The setting or group over which the residual differs most.
+    """Describe the part of a setting or group whose mean residual differs most clearly from zero.
 
     Parameters
     ----------
     left
         As `residuals_left` returns it.
     measurements
-        The table.
+        The table of measurements.
 
     Returns
     -------
     str
-        In words; empty if none differs clearly.
+        A clause; empty if no mean over at least three runs exceeds three standard errors.
     """
     parts = [
         (abs(part["mean"]) / part["std"], entry, part)

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What to measure next: the runs at which two rival models, each fitted to all of the data, differ most.
 
-For a setting x the rivals predict f_A(x) and f_B(x). With r runs there, the difference is seen against
+For a setting x the rivals predict f_A(x) and f_B(x). With r runs there, the difference is compared with
 
     V = V_runs(x) / r + J_B C_B J_B'      T = (f_A - f_B)' V^-1 (f_A - f_B)
 
-where the second term allows B to adapt, as it is refitted with the new data (T-optimality,
+where V_runs is the scatter of a run, J_B the derivatives of f_B with respect to its parameters and C_B
+their covariance: the second term allows B to adapt, as it is refitted with the new data (T-optimality,
 Atkinson and Fedorov 1975). T is twice the gain in nats; a name needs ln 20 = 3 of them.
 """
 
@@ -43,14 +44,16 @@ _SAME = 0.1  # of a setting's range: nearer is the same setting
 
 @dataclass(frozen=True)
 class Proposal:
-    """Runs that are proposed, to separate two explanations.
+    """Runs that are proposed to separate two explanations.
 
     Attributes
     ----------
     settings
         Settings of the runs by name, SI.
     separates
-        The two names that the runs separate.
+        The two effects that the runs separate; `none` stands for no effect.
+    runs
+        Number of runs.
     expected_power
         Probability that these runs separate them.
     text
@@ -83,11 +86,11 @@ class Runs:
     Attributes
     ----------
     conditions
-        Conditions of each run.
+        Conditions of each run, shape (runs,).
     settings
         Settings to show to the user, by name, SI, shape (runs,) each.
     known
-        Whether the table already has enough of such runs, shape (runs,).
+        Whether the table already has at least six runs near these settings, shape (runs,).
     """
 
     conditions: Conditions
@@ -96,12 +99,15 @@ class Runs:
 
     @classmethod
     def of(cls, points: Points, limits: Limits) -> Runs:
-        """Combine the levels that the user gave of each setting, or else its lowest, middle and highest.
+        """Combine the levels of up to six settings, those that the user can set first.
+
+        Where the user gave no levels, a setting has its lowest, middle and highest value. Every other
+        setting has the measured value nearest to its median.
 
         Parameters
         ----------
         points
-            The points.
+            Measured values, each a mean over rows of one run and setting.
         limits
             Levels that the user can set, SI, by setting.
         """
@@ -140,20 +146,23 @@ class Runs:
 def propose(
     fitter: Fitter, runs: Runs, first: Fit, second: Fit, names: tuple[str, str], hint: str = ""
 ) -> Proposal | None:
-    """Find the setting at which six runs distinguish two models best.
+    """Find the setting at which six runs distinguish two models best (formula: module's docstring).
+
+    Runs that the table already has are not proposed, nor those in which a wheel would sink over 0.3 of its
+    diameter.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     runs
         Possible runs.
     first, second
-        Fits of the two models.
+        Fits of the two models, A and B; B may adapt.
     names
         Names of the two models.
     hint
-        How to check one of them, in a sentence.
+        Sentence on how to check one of them, which is appended to the text; none if empty.
 
     Returns
     -------
@@ -189,7 +198,7 @@ def propose(
 
 
 def _scatter(fitter: Fitter, fit: Fit, level: Array, stiff: Array) -> Array:
-    """Covariance of one run's mean, by channel, at each candidate: (count, channels, channels)."""
+    """Covariance of one run's mean between channels, shape (runs, channels, channels)."""
     deviations = fit.scatter.deviations
     found = deviations["tau"] ** 2 * np.einsum("ci,di->icd", stiff, stiff)
     for c, name in enumerate(fitter.points.channels):
@@ -201,7 +210,7 @@ def _scatter(fitter: Fitter, fit: Fit, level: Array, stiff: Array) -> Array:
 
 
 def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]:
-    """Propose runs that would decide between the best explanation and the next best.
+    """Propose runs that would decide between the best explanation and the next best ones.
 
     Parameters
     ----------
@@ -211,6 +220,11 @@ def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]
         The verdict, with its rivals.
     limits
         Levels that the user can set, SI, by setting.
+
+    Returns
+    -------
+    list of Proposal
+        Up to three, first those between rivals, each with a probability to decide over `LEAST_POWER`.
     """
     ordered = found.ordered
     first = ordered[0] if verdict.word != "missing_effect" else verdict.best
@@ -236,7 +250,10 @@ def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]
 
 
 def _explained_by(found: Search, verdict: Verdict, rival: str) -> Candidate | None:
-    """The best model with a rival in the name's place. One that is only tied was not fitted before."""
+    """Best model with a rival in place of the first of the rivals; None if there is none.
+
+    A rival that is only tied by its setting was not fitted before, and is fitted here.
+    """
     name = verdict.rivals[0]
     named = next((m for m in found.ordered if name in m.families), None)
     taken = {name} - {rival}  # a model with both tells nothing between them

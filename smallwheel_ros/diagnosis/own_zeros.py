@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sinkages of a vehicle's wheels differ by, taken out of a table before a diagnosis.
+"""Removes constant differences between the sinkages of a vehicle's wheels before a diagnosis.
 
-A rig has one gauge, a vehicle one for each wheel, with a zero of its own, and ground on its left that is not
-that on its right. Of a millimetre or so they would hide an effect, or look like one. So the sinkages of
-wheels of one size are fitted together,
+A rig has one gauge. A vehicle has one for each wheel, each with its own zero, and the ground on its left
+differs from that on its right. Differences of a millimetre or so would hide an effect, or look like one. So
+the sinkages of wheels of one size are fitted together,
 
-    z = own of the wheel + a ln W + b (ln W)^2 + c slip
+    z = constant of the wheel + a ln W + b (ln W)^2 + c slip
 
-robustly (Huber 1964), and each wheel's own is brought to their mean.
+robustly (Huber 1964), and each wheel's constant is shifted to the mean of all.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ def evened(data: Measurements) -> Measurements:
     Returns
     -------
     Measurements
-        The same table where its runs are not of a vehicle (`settings.one_row_a_wheel`). Else with what was
-        taken out in its notes; a sinkage that is then below zero counts as not measured.
+        The same table where its runs are not those of a vehicle (`settings.one_row_a_wheel`). Otherwise its
+        notes state what was removed, and a sinkage that is then not positive counts as not measured (NaN).
     """
     if "sinkage" not in data.channels or not one_row_a_wheel(data):
         return data
@@ -70,7 +70,10 @@ def evened(data: Measurements) -> Measurements:
 
 
 def _own(data: Measurements, rows: NDArray[np.intp]) -> tuple[list[str], Array]:
-    """Wheels of these rows, and what each shows over their mean (m); none where nothing can be compared."""
+    """Names of the wheels in these rows, and each one's constant minus their mean (m).
+
+    Both are empty where there is nothing to compare, or too little.
+    """
     names, number = codes_of(data.wheel[rows])
     if len(names) < 2 or rows.size < 2 * (len(names) + 3):  # as many again as the fit has constants
         return [], np.empty(0)

@@ -48,12 +48,16 @@ class Start:
 
     Attributes
     ----------
+    measurements
+        The table of measurements.
+    base
+        The model to fit, in which effects may be missing.
     registry
         All effects, of which those not in `without` compete.
     without
-        Ids of effects that do not compete.
+        Ids of effects that do not compete; `unknown` stands for the curves of effects in no library.
     limits
-        Levels that the user can set, SI, by setting.
+        Levels that the user can set in further measurements, SI, by setting.
     seed
         Seed of the simulations in `diagnose`, of permutations and folds in `learn`.
     """
@@ -76,22 +80,33 @@ def start_of(
 ) -> Start:
     """Prepare a diagnosis from what users give; see `api.diagnose`.
 
-    Of a vehicle's table each sinkage sensor's zero is taken out (`own_zeros`).
+    From a vehicle's table, constant differences between the sinkages of its wheels are removed
+    (`own_zeros`).
 
     Parameters
     ----------
     measurements
-        The table.
+        The table of measurements.
     model
-        Model, file or `Base`; the law without effects if not given.
+        Model, model file, soil or `Base`; the contact integral without effects if not given.
     effects
-        The user's own effects.
+        The user's own effects: a Python file, or a registry.
     without
-        Ids of effects that do not take part.
+        Ids of effects that do not compete.
     can
-        Levels that the user can set, by setting.
+        Levels that the user can set in further measurements, by setting, as numbers in SI units or as text.
     seed
         Seed of the random numbers.
+
+    Returns
+    -------
+    Start
+        With the model's soils under the priors of its covariance.
+
+    Raises
+    ------
+    ArgumentError, EffectError, ModelFileError
+        If model, effects or levels cannot be used.
     """
     known = registry_of(effects)
     base = Base() if model is None else model
@@ -110,9 +125,13 @@ class Diagnosis(Result, shown="views.diagnosis"):
     ----------
     document
         The content of the JSON, computed from all the rest.
-    evidence, search, decision, steps
-        The evidence, the models searched, the verdict, and the models on the way to it; None, or
-        empty for `steps`, if the data is insufficient.
+    problem
+        The table without bad runs, and the base model.
+    evidence, decision
+        The evidence, and the verdict with its reasons; None if the data is insufficient.
+    search, steps
+        The models that were compared, and those on the way to the verdict; None and empty if the data is
+        insufficient.
     following
         Commands that continue from this result, as `diagnosis.text` takes them; None if it was made in
         Python.
@@ -126,12 +145,12 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
     @property
     def search(self) -> Search | None:
-        """Every model that was refitted."""
+        """Every model that was fitted in the search; None if the data is insufficient."""
         return None if self.evidence is None else self.evidence.found
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The base, and with each effect that is named."""
+        """The base model, and the model after each named effect; empty if the data is insufficient."""
         return () if self.decision is None else self.decision.steps
 
     @property
@@ -152,7 +171,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
     @property
     def candidates(self) -> list[str]:
-        """Effects of which one is missing, where this data cannot tell which."""
+        """Effects of which one (more) may be missing, where this data cannot tell which or confirms none."""
         return list(self.document["candidates"])
 
     @cached_property
@@ -184,7 +203,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
         return written(self.fit).changed(rivals=tuple(rivals) if len(rivals) > 1 else ())
 
     def fitted(self, step: int) -> FitResult:
-        """The model of a step fitted to all runs and channels, for people and for model files."""
+        """Return the model of a step, by its index, fitted to all runs and channels, for users and files."""
         held_out = self.document["steps"][step]["held_out_rmse"]
         return replace(self.problem.result(self.steps[step].model), held_out=held_out)
 
@@ -197,7 +216,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
         return dict(written.plain(self.document))
 
     def rows(self) -> list[dict[str, Any]]:
-        """The effects, the most probable first."""
+        """One row for each effect: probability, p-value, status and reason, the most probable first."""
         names = ("effect", "kind", "status", "probability", "p_value", "reduction", "reason")
         return [{name: row.get(name) for name in names} for row in self.document["ranking"]]
 
@@ -207,9 +226,14 @@ class Diagnosis(Result, shown="views.diagnosis"):
         Parameters
         ----------
         ax
-            Where to draw; new axes if not given.
+            Axes to draw on; new ones if not given.
         channel
-            The first one if not given.
+            Channel to draw; the first one if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes drawn on.
         """
         return self._drawn(ax, channel)
 
@@ -224,11 +248,11 @@ class Decided:
     Attributes
     ----------
     problem
-        The table and the base model.
+        The table without bad runs, and the base model.
     reason
         Why there is no verdict, in words; empty if there is one.
     evidence, verdict
-        None if there is no verdict.
+        The evidence, and the verdict reached from it; None if there is no verdict.
     """
 
     problem: Problem
@@ -256,7 +280,12 @@ def decided(start: Start, progress: Progress = unheard) -> Decided:
     start
         Measurements, base model and effects.
     progress
-        Called with each step in words.
+        Called with a text at the beginning of each step.
+
+    Returns
+    -------
+    Decided
+        With a reason in place of a verdict where runs or varied settings are too few.
 
     Raises
     ------
@@ -284,7 +313,12 @@ def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
     start
         Measurements, base model and effects.
     progress
-        Called with each step in words.
+        Called with a text at the beginning of each step.
+
+    Returns
+    -------
+    Diagnosis
+        With the verdict `insufficient_data` where runs or varied settings are too few.
 
     Raises
     ------
@@ -305,7 +339,7 @@ def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
 
 @one_thread
 def chance_of_nothing(start: Start) -> float:
-    """Probability of data as odd as this if no effect were missing.
+    """Return the probability of data as odd as this if no effect were missing (`Search.p`).
 
     This is the first step of a diagnosis, and takes a hundredth of its time. Raises FittingError if nothing
     usable was measured.
@@ -325,9 +359,10 @@ def _evidence(
     bad: tuple[BadRun, ...] = (),
     first: Posterior | None = None,
 ) -> Evidence:
-    """All that a verdict is made from. bad: runs that were left out, first: the verdict with them.
+    """Collect all evidence that a verdict uses, without runs that do not belong to the others.
 
-    Where a run does not belong to the others it is left out, and the way is gone once more.
+    Where there are such runs they are left out, and everything is computed again: `bad` are the runs left
+    out so far, `first` are the probabilities with them.
     """
     told = fault_told(plain, known, without)
     problem = plain if told is None else plain.with_part(told.part, told.told)
@@ -359,7 +394,7 @@ def _too_little(
 
 
 def _insufficient(points: Points) -> str:
-    """Why these points do not suffice for a diagnosis; "" where they do."""
+    """Why these points do not suffice for a diagnosis; empty where they do."""
     runs = points.run_count
     if runs < FEWEST_RUNS:
         return (

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the probabilities of the models show, before any other evidence is used.
 
-- A family that is in the models of at least `NAMED` of the probability would be named.
+- A family that is in models with at least `NAMED` of the probability would be named.
 - Families that replace each other and together reach that probability are rivals. If none do, the families
   found may be missing, but nothing missing is more probable: the data does not confirm them.
 - Something is missing if p of `Search` is at most `ALARM`. Above it nothing is named.
@@ -43,18 +43,19 @@ class Posterior:
     ----------
     word
         The verdict if there were no other evidence.
-    named
-        Families that are missing, the clearest first.
-    rivals
-        Families of which one is missing; for an unknown effect, candidates that this data does not confirm.
-    unknown
-        Curves without a name for which no law of the library accounts.
-    closest
-        Names that describe the data best, though not well enough.
     probabilities
         Probability of each family, 0 to 1.
     best
-        The model with laws of the library for what is named; else the most probable one.
+        The model with laws of the library for what is named; else the most probable one; the base model if
+        nothing is missing.
+    named
+        Families that are missing, the most probable first.
+    rivals
+        Families of which one is missing; for an unknown effect, candidates that this data does not confirm.
+    unknown
+        Ids of curves without a name for which no law of the library accounts.
+    closest
+        Families that describe the data best, though not well enough.
     ties
         Sentences on settings that were varied together.
     doubtful
@@ -119,7 +120,7 @@ def posterior_of(search: Search) -> Posterior:
 
 
 def family_of(search: Search, competitor: Competitor) -> str:
-    """The family that a competitor counts for: its own, or the effect that a curve generalises.
+    """The family that a competitor counts for: its own, or that of the effect that a curve generalises.
 
     Where a curve generalises several effects, it counts for the one that depends on the fewest settings: a
     curve of slip counts for a law of slip rather than for one of slip and lugs.
@@ -129,7 +130,7 @@ def family_of(search: Search, competitor: Competitor) -> str:
     search
         All models that were fitted.
     competitor
-        The competitor.
+        An effect of the library or a curve.
     """
     if competitor.kind != "unknown":
         return competitor.family
@@ -143,7 +144,7 @@ def _rival_groups(
     members: Mapping[Key, set[str]],
     share: Mapping[Key, float],
 ) -> list[list[str]]:
-    """Sets of families that exclude each other and together are as probable as a name must be."""
+    """Groups of families that exclude each other and together reach the probability of a name (`NAMED`)."""
     models = {f: {k for k, m in members.items() if f in m} for f in rest}
     groups, left = [], list(rest)
     while left:
@@ -163,7 +164,7 @@ def _rival_groups(
 def _without_a_law(
     search: Search, best: Candidate, named: list[str], speaks: Mapping[str, str]
 ) -> tuple[list[str], list[str]]:
-    """Names for which only a free curve does: what follows that setting has no law here."""
+    """Divide the names into those with a law that explains them, and curves for which there is none."""
     kept, unknown = [], []
     for name in named:
         if name.startswith("unknown:"):
@@ -184,16 +185,19 @@ def _without_a_law(
 
 
 def by_library(search: Search, best: Candidate, named: list[str]) -> Candidate:
-    """The best model with laws of the library, in any of their forms, for exactly the named effects.
+    """Return the best model that has exactly the named effects, each as a law of the library.
+
+    Their forms are chosen by evidence. A form that was not fitted before is fitted, and kept in
+    `search.models`.
 
     Parameters
     ----------
     search
         All models that were fitted.
     best
-        The best model, which may have curves.
+        The most probable model, which may have curves; the fits start from it.
     named
-        The named effects.
+        Families that are named as missing.
     """
     wanted, model = frozenset(named), best
     for competitor in best.competitors:
@@ -210,7 +214,7 @@ def by_library(search: Search, best: Candidate, named: list[str]) -> Candidate:
 
 
 def _best_form(search: Search, model: Candidate, out: Competitor | None, family: str) -> Candidate:
-    """The model with the family's best form in the place of a competitor, or beside all it has."""
+    """The model with the family's best form in place of the competitor `out`, or besides all that it has."""
     forms = [c for c in search.field.competitors if c.family == family]
     made = [
         search.made(model, form, out=out) for form in forms if out is None or form.key != out.key
@@ -225,7 +229,7 @@ def _best_form(search: Search, model: Candidate, out: Competitor | None, family:
 
 
 def _tied(search: Search, best: Candidate, name: str) -> list[str]:
-    """Rivals of a name: what follows a setting that moved with its own."""
+    """Rivals of a named family: those that follow a setting that was varied together with its own."""
     law = next((c for c in best.competitors if c.family == name), None)
     columns = search.field.columns
     if law is None or law.effect is None or not law.drivers or law.drivers[0] not in columns:

@@ -3,17 +3,17 @@
 
     P(S) proportional to Z(S) * product over S of (prior odds)
 
-Each law is refitted alone. Larger models are found by linearised evidence, refitted, and extended while
-they lie within `WINDOW` of the best.
+with S a set of competitors and Z(S) the evidence of the model that has them. Each law is refitted alone.
+Larger models are found by linearised evidence, refitted, and extended while they lie within `WINDOW` of the
+best.
 
-At a fit with covariance S = V + J P^-1 J' of the errors e, a competitor with column C (change of
-the predictions by its prior's deviation) has
+At a fit with covariance S = V + J P^-1 J' of the errors e, a competitor with column C (change of the
+predictions by its prior's deviation) has
 
     ln Z1 - ln Z0 = 1/2 e' S^-1 C (I + C' S^-1 C)^-1 C' S^-1 e - 1/2 ln |I + C' S^-1 C|
 
-with no more than the usual scatter, since a missing effect inflates it. The same computation on
-data drawn from the null model gives the distribution of the statistic "is anything missing"
-(`Screen`).
+with no more than the usual scatter, since a missing effect inflates it. The same computation on data drawn
+from the null model gives the distribution of the statistic "is anything missing" (`Screen`).
 """
 
 from __future__ import annotations
@@ -55,14 +55,18 @@ _REST = 4.0  # nats: a larger model that is so far behind the best is not extend
 
 @dataclass(frozen=True)
 class ScoreColumn:
-    """How a competitor of the strength that its prior expects changes the predictions.
+    """Change of the predictions by a competitor of the strength that its prior expects.
 
     Attributes
     ----------
+    competitor
+        Effect, instrument fault or curve that the model may lack.
     shift
-        Change of each prediction, in the channel's SI unit, shape (values, columns).
+        Change of each prediction, in the channel's SI unit, shape (values, columns): one column for an
+        effect, one for each coefficient of a curve.
     start
-        Strengths at which it was computed, from which a fit starts.
+        Values of the competitor's parameters from which its fit starts, shape (its parameters,); those at
+        which `shift` was computed, 0 for a curve.
     """
 
     competitor: Competitor
@@ -71,21 +75,22 @@ class ScoreColumn:
 
 
 def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreColumn]:
-    """Columns of the score test for a competitor.
+    """Compute the columns of the score test for a competitor, by finite differences at a fit.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         The fit that is tested.
     competitor
-        The competitor.
+        Effect, instrument fault or curve that the model may lack.
 
     Returns
     -------
     list of ScoreColumn
-        Empty where its predictions are not finite.
+        For an effect, one at each of up to two strengths; for a curve or a contact rule, one. Those that
+        are not finite are left out.
     """
     listed, start = competitor.part.parameters, competitor.part.start
     vector, effect = changed(fit.vector, competitor), competitor.effect
@@ -126,17 +131,17 @@ def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreCo
 class Screen:
     """Score test at one fit: evidence for each candidate from predictions linearised there, without a refit.
 
-    Deviations of the scatter are those of the fit, but at most their prior medians: a missing effect inflates
-    the scatter that is fitted, which would then hide that effect and others.
+    Standard deviations of the scatter are those of the fit, but at most their prior medians: a missing
+    effect inflates the scatter that is fitted, which would then hide that effect and others.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
         The fit that is tested.
     columns
-        By how much each candidate changes the predictions.
+        Change of the predictions by each candidate, as `columns_of` returns it.
     """
 
     def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[ScoreColumn]) -> None:
@@ -151,12 +156,22 @@ class Screen:
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
 
     def testability(self) -> list[float]:
-        """Squared change of the predictions by each column, in squared standard deviations, 1."""
+        """Squared change of the predictions by each entry of `columns`, in variances (dimensionless).
+
+        Of an entry with several columns the largest counts.
+        """
         size = np.sum(self._white**2, axis=0)
         return [float(size[place].max()) for place in self._places]
 
     def cosines(self) -> tuple[list[str], Array]:
-        """Families with one column, and the cosines between their actions after the base is refitted."""
+        """Return how alike families act on this data once the base is refitted.
+
+        Returns
+        -------
+        families, cosines : list of str, ndarray
+            Families whose best column is a single one, and absolute cosines between their changes of the
+            predictions, shape (families, families), 0 to 1.
+        """
         best: dict[str, tuple[float, int]] = {}
         for i, (column, size) in enumerate(zip(self.columns, self.testability(), strict=True)):
             family = column.competitor.family
@@ -168,7 +183,10 @@ class Screen:
         return list(chosen), np.abs(unit.T @ unit)
 
     def gains(self, errors: Array) -> Array:
-        """ln evidence of each column over none, shape (columns, data sets)."""
+        """Return ln evidence of each entry of `columns` over none, nats, shape (entries, data sets).
+
+        `errors` are measured minus predicted values of each data set, shape (values, data sets).
+        """
         w, found = self._s.whiten(errors), []
         for place in self._places:
             size, turned = np.linalg.eigh(self._white[:, place].T @ self._white[:, place])
@@ -178,9 +196,20 @@ class Screen:
         return np.array(found).reshape(len(self._places), w.shape[1])
 
     def tested(self, seed: int) -> tuple[float, dict[str, float]]:
-        """Simulate p values: that nothing is missing, and of each family against the largest of all.
+        """Simulate p-values: that nothing is missing, and of each family against the largest of all.
 
-        The statistic of a family is its evidence over that of no effect, averaged over its forms and columns.
+        The statistic of a family is its evidence over that of no effect, averaged over its forms and
+        columns.
+
+        Parameters
+        ----------
+        seed
+            Seed of the data sets drawn from the fit.
+
+        Returns
+        -------
+        p, p_values : float, dict
+            p-value of all families together, and by family; (1, empty) if there are no columns.
         """
         if not self.columns:
             return 1.0, {}
@@ -204,21 +233,29 @@ class Screen:
 
 @dataclass(frozen=True)
 class Candidate(Fit):
-    """A fitted model with some competitors; its weight is ln of evidence times prior odds."""
+    """A fitted model with some competitors in it.
+
+    Attributes
+    ----------
+    competitors
+        The competitors that it has.
+    weight
+        ln of evidence times prior odds, nats.
+    """
 
     competitors: tuple[Competitor, ...] = ()
     weight: float = -np.inf
 
     @classmethod
     def of(cls, fit: Fit, competitors: Sequence[Competitor] = ()) -> Candidate:
-        """Make a candidate of a fit and the competitors that it contains.
+        """Make a candidate from a fit and the competitors that it contains.
 
         Parameters
         ----------
         fit
-            The fit.
+            The fit, with its evidence.
         competitors
-            Those it contains.
+            Competitors that its model contains.
         """
         odds = sum(float(np.log(c.share)) for c in competitors)
         known = {name: getattr(fit, name) for name in Fit.__dataclass_fields__}
@@ -226,7 +263,7 @@ class Candidate(Fit):
 
     @cached_property
     def key(self) -> Key:
-        """Identifies the model among all others."""
+        """Keys of its competitors, which identify the model among all others."""
         return frozenset(c.key for c in self.competitors)
 
     @cached_property
@@ -243,20 +280,20 @@ def refit(
     out: Competitor | None = None,
     turns: int = 4,
 ) -> Candidate | None:
-    """Fit a model from its present parameters, with a competitor added, removed, or replaced.
+    """Fit a model starting from another one, with a competitor added, removed, or exchanged.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     near
         The model to start from.
     put_in
-        Competitor to add.
+        Competitor to add; none if not given.
     start
         Parameters of `put_in` to start from, shape (its parameters,); its own start if not given.
     out
-        Competitor to remove.
+        Competitor to remove; none if not given.
     turns
         Largest number of times that parameters and variance components are fitted in turn.
 
@@ -288,18 +325,22 @@ def refit(
 
 @dataclass
 class Search:
-    """Every model that was refitted, and the test of whether anything is missing.
+    """Every model that was fitted, and the test of whether anything is missing.
 
     Attributes
     ----------
+    fitter
+        Holds the measured points and their noise.
     field
         The competitors, without those that the design cannot show.
+    screen
+        Linearised evidence at the base model.
     p_drawn
         Simulated probability of as much evidence for a missing effect if none is missing.
     p_values
-        p value of each family, against the largest statistic of all families.
-    screen
-        Linearised evidence at the base model.
+        p-value of each family, against the largest statistic of all families.
+    models
+        The fitted models by their `Candidate.key`.
     """
 
     fitter: Fitter
@@ -311,7 +352,7 @@ class Search:
 
     @property
     def ordered(self) -> list[Candidate]:
-        """Models, the most probable first."""
+        """All fitted models, the most probable first."""
         return sorted(self.models.values(), key=lambda m: -m.weight)
 
     @property
@@ -322,19 +363,24 @@ class Search:
     def mixture(
         self, named: Collection[str], rivals: Collection[str], tied: Collection[str] = ()
     ) -> list[tuple[float, Candidate]]:
-        """Models of the library with the named effects, each with its share of probability, best first.
+        """Return the models of the library that contain the named effects, with their probabilities.
 
         Models under `MENTIONED` are left out, except the best with each rival.
 
         Parameters
         ----------
         named
-            The named effects.
+            Families that are named as missing.
         rivals
-            Effects as probable as those.
+            Families of which one is missing, where the data cannot tell which.
         tied
             Settings that were varied together. An effect that follows one of them has the same prior
             probability as none: the data cannot decide, and predictions differ wherever these settings do.
+
+        Returns
+        -------
+        list of (float, Candidate)
+            Probability, of a sum of 1 over the list, and model; the most probable first.
         """
         even = {c.family for c in self.field.competitors
                 if c.kind == "soil" and {*tied} & {*c.drivers[:1]} - {"load"}}  # fmt: skip
@@ -359,21 +405,21 @@ class Search:
         return [(p / total, m) for p, m in kept]
 
     def all_alone(self, family: str, within: float = np.inf) -> list[Candidate]:
-        """Models with the family alone, in its forms that were refitted, the best first.
+        """Return the fitted models with one family alone, in its different forms, the best first.
 
         Parameters
         ----------
         family
-            The family.
+            Id of the effect, which all its forms share.
         within
-            Largest distance from the best of them in ln evidence, nats.
+            Largest distance from the best of them in ln evidence times prior odds, nats.
         """
         found = [m for m in self.ordered if m.families == {family} and len(m.competitors) == 1]
         return [m for m in found if m.weight > found[0].weight - within]
 
     @property
     def probabilities(self) -> dict[Key, float]:
-        """Posterior probability of each model."""
+        """Posterior probability of each model, by its key."""
         weights = np.array([m.weight for m in self.models.values()])
         shares = np.exp(weights - weights.max())
         return dict(zip(self.models, (shares / shares.sum()).tolist(), strict=True))
@@ -407,17 +453,17 @@ class Search:
         near
             The model to start from.
         put_in
-            Competitor to add.
+            Competitor to add; none if not given.
         start
             Parameters of `put_in` to start from, shape (its parameters,); its own start if not given.
         out
-            Competitor to remove.
+            Competitor to remove; none if not given.
 
         Returns
         -------
         Candidate or None
-            None if the fit fails. A model that lacks a rule of contact, or has another one, is not fitted
-            here: None unless it is in `models`.
+            None if the fit fails. With `out`, a model is not fitted if either competitor is a contact rule:
+            None unless it is in `models`.
         """
         taken, given = (set() if c is None else {c.key} for c in (out, put_in))
         key = near.key - taken | given
@@ -437,15 +483,20 @@ def search(
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     base
-        The base, fitted.
+        Converged fit of the base model.
     field
         The competitors.
     seed
         Seed of the random numbers of the score test.
     most
-        Largest number of effects in a model; 0 computes only the p value of the score test.
+        Largest number of competitors in a model; 0 computes only the p-values of the score test.
+
+    Returns
+    -------
+    Search
+        The base model and all models that were fitted.
     """
     columns = [column for c in field.competitors for column in columns_of(fitter, base, c)]
     screen = Screen(fitter, base, columns)
@@ -460,10 +511,10 @@ def search(
 
 
 def _reduce(found: Search) -> None:
-    """Refit the best models without each of their competitors: what was added last may explain it all.
+    """Refit the best models without each of their competitors, since the last one added may explain it all.
 
-    At a base that is far off (an exponent that imitates a zero) an effect looks small until another one has
-    let the base go.
+    At a base far from the truth (an exponent that imitates a zero) an effect looks small until another one
+    has freed the base.
     """
     best = [m for m in found.ordered if m.weight > found.ordered[0].weight - WINDOW][:PARENTS]
     for model in best:
@@ -472,7 +523,7 @@ def _reduce(found: Search) -> None:
 
 
 def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:
-    """Without the families that no data of this design could show, and forms that do the same as another."""
+    """Leave out families that no data of this design could show, and forms that act like another one."""
     power: dict[str, float] = {}
     for column, size in zip(screen.columns, screen.testability(), strict=True):
         family = column.competitor.family
@@ -507,7 +558,10 @@ def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:
 
 
 def _extend(found: Search, size: int) -> bool:
-    """Refit the most promising extensions of the best models of the size before."""
+    """Refit the most promising extensions of the best models with one competitor less than `size`.
+
+    Returns whether any comes close enough to the best model to be extended further.
+    """
     parents = [m for m in found.ordered if len(m.competitors) == size - 1]
     parents = [m for m in parents if m.weight > parents[0].weight - WINDOW][:PARENTS]
     best, reached = found.ordered[0].weight, -np.inf

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict of a diagnosis in words, made from its document.
+"""The verdict of a diagnosis in words, from its document.
 
-What to do next may be a command. It repeats the options that were typed, so a result made by a
-command carries the commands that follow (`apply` adds what is named, `learn` looks for a law). In
-Python what is named is saved from the result itself.
+What to do next may be a command. It repeats the options that were typed, so a result made by a command
+carries the commands that follow (`apply` adds what is named, `learn` looks for a law). In Python, the model
+with what is named is saved from the result itself.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _NEXT = {
 def verdict_sentences(
     document: Mapping[str, Any], following: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Say the verdict, the evidence for it, how certain it is, and what to do next.
+    """State the verdict, the evidence for it, how certain it is, and what to do next.
 
     Parameters
     ----------
@@ -49,6 +49,11 @@ def verdict_sentences(
     following
         Commands that continue from here: `apply`, if the named effects are in no model file yet, and
         `learn`. None if the diagnosis was made in Python.
+
+    Returns
+    -------
+    list of str
+        Sentences; the verdict is the first, unless settings varied together limit it.
     """
     verdict = document["verdict"]
     if verdict == "unknown_effect" and document["candidates"]:
@@ -92,7 +97,7 @@ def verdict_sentences(
 def _next(
     document: Mapping[str, Any], verdict: str, tied: bool, following: Mapping[str, str] | None
 ) -> str:
-    """What to do next, in half a sentence."""
+    """What to do next, as a clause without a full stop."""
     proposed = bool(document["next_measurements"])
     if verdict == "missing_effect":
         steps = _adding(len(document["missing_effects"]), following)
@@ -115,7 +120,7 @@ def _next(
 
 
 def _adding(count: int, following: Mapping[str, str] | None) -> list[str]:
-    """How what is named gets into a model; nothing where it is in one."""
+    """How the named effects get into a model; empty where they are in one already."""
     named = "it" if count == 1 else "them"
     if following is None:
         return [f"write the model with {named}, `.save('MODEL.yaml')` of this result"]

@@ -63,12 +63,20 @@ class Evidence:
     ----------
     problem
         The table without bad runs, and the base model, which includes the fault in `told`.
+    found
+        All models that were fitted.
+    posterior
+        Probabilities of the effects, from these models.
+    held_out
+        Held-out errors of the named effects.
+    misfit
+        Misfit that the best explanation leaves.
     bad
         Runs that are left out.
     first
         The probabilities before these runs were left out.
     told
-        A fault that pull and torque indicate.
+        A fault of the sinkage gauge that pull and torque indicate; None if there is none.
     """
 
     problem: Problem
@@ -87,15 +95,17 @@ class Verdict:
 
     Attributes
     ----------
+    word
+        `missing_effect`, `adequate`, `unknown_effect` or `indistinguishable`.
     named
         Families that are missing, the clearest first.
     rivals
         Families of which one is missing, where the data cannot tell which; for an unknown effect,
         candidates that the data does not confirm.
     unknown
-        Curves without a name.
+        Ids of curves without a name that no law of the library explains.
     closest
-        Names that describe the data best, though not well enough.
+        Families that describe the data best, though not well enough.
     probabilities
         Probability of each family, 0 to 1.
     best
@@ -166,7 +176,7 @@ def decide(evidence: Evidence) -> Verdict:
 
 
 def _unexplained(search: Search, unknown: Sequence[str]) -> str:
-    """What follows a setting, and whether the library was tried on it and lost."""
+    """Say which curve follows a setting, and whether laws of the library were tried on it and lost."""
     said, best = f"there is {listed(unknown)}", search.ordered[0]
     laws = [m for m in search.ordered if m.competitors
             and all(c.kind != "unknown" for c in m.competitors)]  # fmt: skip
@@ -189,7 +199,7 @@ def _unexplained(search: Search, unknown: Sequence[str]) -> str:
 
 
 def _of_bad_runs(evidence: Evidence) -> Iterator[str]:
-    """Which runs are left out and why, and whether they would change what the probabilities say."""
+    """Say which runs are left out and why, and whether the probabilities would differ with them."""
     bad, before, after = evidence.bad, evidence.first, evidence.posterior
     for one in bad:
         yield one.words(evidence.problem.points.measurements)
@@ -204,7 +214,7 @@ def _of_bad_runs(evidence: Evidence) -> Iterator[str]:
 
 
 def _of_held_out(held: HeldOut, rivals: Sequence[str]) -> Iterator[str]:
-    """Which names help on no run that the choice never saw, and where such runs cannot say."""
+    """Say which names help on no held-out run, and for which such runs cannot decide."""
     for names in reversed(held.useless):
         yield _no_help(names, held.falls)
     for law in held.blind:
@@ -227,7 +237,7 @@ def _of_held_out(held: HeldOut, rivals: Sequence[str]) -> Iterator[str]:
 
 
 def _no_help(names: Sequence[str], falls: Mapping[str, Mapping[str, float]]) -> str:
-    """That a name helps on no run that the choice never saw: nothing falls, or within what chance does."""
+    """Say that some names lower no held-out error, or none by more than chance."""
     within = {c: fall for n in names for c, fall in falls.get(n, {}).items() if fall >= USEFUL}
     said = f"with {listed(names, 'or')} "
     if not within:
@@ -237,11 +247,11 @@ def _no_help(names: Sequence[str], falls: Mapping[str, Mapping[str, float]]) -> 
 
 
 def _of_misfit(misfit: Misfit) -> tuple[list[str], list[str], list[str], dict[str, bool]]:
-    """What chance does not leave: of the soils, of the settings, of sensors, and of the scatter.
+    """Describe what is left beyond chance: of the soils, of the settings, of sensors, and of the scatter.
 
-    That runs are not of one soil; the channel whose settings stray most from what their own repeats allow,
-    where one does; sensors that seem to be at the end of their range; scatter of over twice the usual size,
-    with whether it is over four times: nothing is calm then.
+    Returns four parts: that runs are not of one soil; the channel whose settings deviate most from the
+    model by more than their repeats allow; sensors that seem to be at the end of their range; scatter of
+    over twice the usual size, with whether it is over four times that.
     """
     mixed = [runs_differ(misfit.mixed)] if misfit.mixed else []
     fits = misfit.lack_of_fit

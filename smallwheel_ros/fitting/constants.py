@@ -21,15 +21,15 @@ LACK_OF_FIT = 0.03
 # along: correlated along a curve, of the level - layers and grains below a plate; as large as a
 #   channel's own scatter
 CURVE_CORRELATED = 0.03
-# shape: discrepancy of the power law over depth, of the level - measured plate curves stray by 5 %
+# shape: error of the power law over depth, of the level - measured plate curves stray by 5 %
 #   from any power of depth; fixed, as that of thrust
 CURVE_SHAPE = 0.05
 # log-deviation of each of these priors - a factor of 2 either way: 2 to 15 % spans what prepared
 #   soils scatter by
 SPREAD = 0.7
-# discrepancy of the law of pull and torque, of the load (times the radius) - held-out pulls of four
-#   rigs say 0.03 to 0.05 (ln evidence 0, -3; at 0.1 -21); fixed, since where it is estimated an
-#   effect gains by shrinking it
+# error of the law of pull and torque, of the load (times the radius) - by the ln evidence of held-out
+#   pulls of four rigs 0.03 (0) to 0.05 (-3) rather than 0.1 (-21); fixed, since where it is estimated
+#   an effect gains by shrinking it
 FORCE_LAW = 0.05
 # the same, of a wheel at all slips - pulls of wheels that were left out are off by 0.03 to 0.07 of
 #   the load, by up to 0.06 in the mean
@@ -37,7 +37,7 @@ FORCE_WHEEL = 0.05
 # the same, of a wheel with lugs over a tenth of its radius - no law of lugs holds on all rigs:
 #   twice the error of a wheel with lower ones or none
 FORCE_LUGS = 0.1
-# slip over which that discrepancy changes - thrust saturates over slips of 0.2 to 0.4
+# slip over which that error changes - thrust saturates over slips of 0.2 to 0.4
 FORCE_SLIP = 0.3
 # strength of an instrument effect, of the reading - a calibration that was not made anew is off by
 #   a few per cent
@@ -69,8 +69,8 @@ REPLICATES = 199
 # deviations of a row or a run that make it an outlier - no chance for Gaussian noise, and rare for
 #   any other that an instrument has
 OUTLIER = 6.0
-# share of clean tables in which few values exceed that by chance - a deviation that is known from
-#   few values is not known well: the limit then is higher
+# share of clean tables in which any value exceeds that by chance - a deviation that is estimated from
+#   few values is uncertain: the limit then is higher
 CLEAN = 0.01
 # posterior over prior deviation of a determined parameter - at half, three quarters of what is
 #   known is data
@@ -80,28 +80,29 @@ DETERMINED = 0.5
 USEFUL = 0.02
 # probability under which a family is no rival - 50 to 1
 MENTIONED = 0.02
-# share of a rival's probability in models without the other - two effects that are both there would
-#   have most of it in models with both
+# least share of a rival's probability that is in models without the others - two effects that are
+#   both missing would have most of it in models with both
 APART = 0.7
-# nats by which a law beats none, to stand for its free curve - a factor of e
+# nats by which a law must do better than none to be named in place of its free curve - a factor of e
 BEATS = 1.0
-# share of a column's variance that settings predict, from which it is an answer - designed settings
-#   predict each other by less than half
+# share of a column's variance that settings predict, from which it is a response and no setting -
+#   designed settings predict each other by less than half
 ANSWERS = 0.75
-# rank correlation of one setting in other units - rim speed and slip at one speed
+# rank correlation from which a column is another setting in other units - rim speed is slip at one
+#   travel speed
 SAME_ORDER = 0.98
 # share of a load's variance within runs, from which it was not set - a load that is set repeats to
 #   a few per cent, and was varied by a factor
 WAVERS = 0.05
-# runs with different values of a column without a law - fewer are explained by the
-#   scatter of as many runs
+# fewest different values of a column for which there is no law - the scatter of fewer runs could
+#   explain them
 FEWEST_VALUES = 8
-# prior deviations of ln phi that the null's scatter is capped at - 95 % of prepared soils and rigs
-#   scatter less: what is beyond may be the effect itself
+# prior deviations of ln phi at which the scatter of simulated data is capped - 95 % of prepared soils
+#   and rigs scatter less: what is beyond may be the effect itself
 HIDE = 2.0
 # deviation of ln factor of a curve without a name - half to twice; higher terms fall off
 CURVE_SIZE = 0.4
-# chance to decide from which a measurement is proposed - one in five: else it is no advice
+# least probability to decide with which a measurement is proposed - below one in five it is no advice
 LEAST_POWER = 0.2
 
 # --- Search budget: larger costs time only
@@ -122,5 +123,5 @@ REFITS = 6
 MOST_EFFECTS = 3
 # folds of the held-out error - up to twice as many runs are left out one by one
 FOLDS = 6
-# fewest runs of a verdict - scatter between fewer runs is not told from an effect
+# fewest runs of a verdict - scatter between fewer runs cannot be told from an effect
 FEWEST_RUNS = 6

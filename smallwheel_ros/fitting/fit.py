@@ -3,9 +3,10 @@
 
     y = f(theta) + e,  e ~ N(0, V(phi)),  theta ~ p(theta),  ln phi ~ p(ln phi)
 
-theta by Gauss-Newton steps on  -1/2 |y - f|^2_V + ln p(theta)  with V held, phi by `variance`, in
-turns until both have converged. The posterior is N(theta, A^-1) with A = J' V^-1 J + P (P the
-prior's precision), and the evidence, by Laplace's method,
+The parameters theta are fitted by Gauss-Newton steps on  -1/2 |y - f|^2_V + ln p(theta)  with V held, and
+the variance components phi by `variance`, in turns until both have converged. The posterior of theta is
+normal with covariance A^-1, where A = J' V^-1 J + P, J = df/dtheta and P is the prior's precision. The
+evidence is, by Laplace's method,
 
     ln Z = ln N(y; f, V) + ln p(theta) + ln p(ln phi) + d/2 ln 2 pi - 1/2 ln |A| + ln(inside bounds)
 
@@ -78,25 +79,33 @@ class Predictor:
         return cls(points.conditions, points.channels, points.channel, points.row)
 
     def __call__(self, vector: ParameterVector, theta: Array) -> Array:
-        """Predictions, shape (values,)."""
+        """Predict the values, shape (values,), m, N or N m by channel; NaN where there is no prediction.
+
+        Parameters
+        ----------
+        vector
+            Names, priors and bounds of the free parameters.
+        theta
+            Values of the parameters, shape (parameters,).
+        """
         return np.asarray(self._together(vector, theta[None, :], vector.effects(theta))[0])
 
     def many(self, vector: ParameterVector, thetas: Array) -> Array:
-        """Predictions of each parameter vector.
+        """Predict the values for each of several parameter vectors.
 
         A user's own effect that cannot take arrays is evaluated for one vector after the other.
 
         Parameters
         ----------
         vector
-            The free parameters.
+            Names, priors and bounds of the free parameters.
         thetas
-            Parameter vectors, shape (vectors, parameters).
+            Values of the parameters, shape (vectors, parameters).
 
         Returns
         -------
         ndarray
-            Shape (vectors, values), m, N or N m by channel; NaN where there is none.
+            Shape (vectors, values), m, N or N m by channel; NaN where the model gives no prediction.
         """
         effects = vector.effects(np.repeat(thetas.T, len(self.conditions), axis=1))
         kinds = frozenset(type(effect) for effect in effects)
@@ -115,9 +124,9 @@ class Predictor:
         return found
 
     def _together(self, vector: ParameterVector, thetas: Array, effects: Sequence[Effect]) -> Array:
-        """Predictions of copies of the rows, one for each parameter vector, shape (copies, values).
+        """Predict copies of the rows, one for each parameter vector, in one call, shape (copies, values).
 
-        effects: with an array of each number, one entry for each row.
+        Each number of the `effects` is an array with one entry for each row of the copies.
         """
         count, c = len(thetas), self.conditions
         names = [soil.name for soil in vector.soils]
@@ -133,24 +142,24 @@ class Predictor:
         return np.asarray(columns[self.channel, :, self.row].T)
 
     def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
-        """Compute predictions, and their derivatives with respect to the parameters by forward differences.
+        """Compute predictions, and their derivatives with respect to the parameters by finite differences.
 
         Parameters
         ----------
         vector
-            The free parameters.
+            Names, priors and bounds of the free parameters.
         theta
-            Shape (parameters,).
+            Values of the parameters, shape (parameters,).
 
         Returns
         -------
         predicted, slopes : ndarray
-            Shape (values,) and (values, parameters).
+            Shape (values,), m, N or N m by channel, and (values, parameters), per unit of the parameter.
 
         Raises
         ------
         FittingError
-            If the model has no finite prediction there.
+            If a value has no finite prediction at `theta` or one step away from it.
         """
         steps = vector.steps(theta)
         with np.errstate(all="ignore"):  # what is no number is refused below
@@ -161,7 +170,7 @@ class Predictor:
         return found[0], np.asarray((found[1:] - found[0]).T / steps)
 
     def _no_number(self, vector: ParameterVector, theta: Array, value: int) -> str:
-        """Say of which effects the model gives no finite prediction, and at which setting."""
+        """Message that the model gives no finite prediction, with its effects and the setting."""
         effects, row = vector.model(theta).effects, self.row[value]
         needs = dict.fromkeys(name for effect in effects for name in effect.needs)
         names = ("load", "diameter", "width", *needs)
@@ -177,22 +186,24 @@ AnyFit = TypeVar("AnyFit", bound="Fit")
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model.
+    """A model evaluated at the values of its parameters, and, once fitted, its evidence and covariance.
 
     Attributes
     ----------
     vector
         Names, priors and bounds of the parameters.
-    theta, covariance
-        Parameters, shape (parameters,), and their posterior covariance.
+    theta
+        Values of the parameters, shape (parameters,).
     predicted
         Predictions, shape (values,), m, N or N m by channel.
     slopes
-        J, their derivatives with respect to the parameters, shape (values, parameters).
+        J, derivatives of the predictions with respect to the parameters, shape (values, parameters).
     scatter
-        The variance components.
+        Standard deviations of the variance components.
     evidence
-        ln Z, nats.
+        ln Z, nats; -inf before the fit.
+    covariance
+        Posterior covariance A^-1 of the parameters, shape (parameters, parameters); (0, 0) before the fit.
     """
 
     vector: ParameterVector
@@ -210,7 +221,7 @@ class Fit:
 
     @property
     def at_bound(self) -> NDArray[np.bool_]:
-        """Parameters that sit at a bound, shape (parameters,)."""
+        """Mask of the parameters at a bound, within a millionth of their range, shape (parameters,)."""
         low, high = self.vector.bounds
         room = _AT_BOUND * (high - low)
         return np.asarray((self.theta <= low + room) | (self.theta >= high - room))
@@ -225,21 +236,27 @@ class Fit:
 
     @property
     def taken_up(self) -> Array:
-        """U with U U' = J P^-1 J': what parameters can absorb of the errors, shape (values, parameters)."""
+        """U, with U U' = J P^-1 J' the covariance that the prior gives to the predictions.
+
+        Shape (values, parameters).
+        """
         precision = self.vector.precision(self.theta)
         return np.asarray(self.slopes @ np.linalg.cholesky(np.linalg.inv(precision)))
 
     def take(self: AnyFit, keep: NDArray[np.bool_]) -> AnyFit:
-        """The fit restricted to some of the values."""
+        """Return the fit with the predictions and slopes of those values where a mask is true."""
         return replace(self, predicted=self.predicted[keep], slopes=self.slopes[keep])
 
     def away(self, observed: Array) -> Array:
-        """Errors of the prediction at the priors' centres, to first order: y - f(centre), shape (values,)."""
+        """Return measured values minus predictions at the centres of the priors, shape (values,).
+
+        The predictions there are extrapolated from theta to first order.
+        """
         return observed - self.predicted + self.slopes @ (self.theta - self.vector.centre)
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of a positive definite matrix, scaled to a unit diagonal first.
+    """Invert a positive definite matrix, scaled to a unit diagonal first.
 
     Parameters differ by powers of ten in size (1e-8 m/Pa beside 1); scaling gives about the best
     conditioning that is possible. Raises FittingError where the matrix is not positive definite.
@@ -263,17 +280,21 @@ class Fitter:
 
     Attributes
     ----------
+    points
+        Measured values, each a mean over rows of one run and setting.
     level
-        Size of each value (L in the module `variance`), shape (values,); the same for all fits, so that their
-        evidence can be compared.
+        Size of each value (L in the module `variance`), shape (values,), m, N or N m; the same for all
+        fits, so that their evidence can be compared.
+    repeats
+        Repeatability of the values.
     law
         Makes the predictor of the points; by default that of the model itself.
     working
         Whether values are weighted without the errors that many of them share, which would otherwise absorb
-        what the parameters can describe (`variance`). The effect of these errors on the parameters is
-        in the posterior (`posterior.posterior_covariance`).
+        what the parameters can describe (`variance`). The effect of these errors on the parameters is in
+        the posterior (`posterior.posterior_covariance`).
     apart
-        Whether pull and torque determine only the strength (`blocks`).
+        Whether pull and torque determine only the strength of the soil (`blocks`).
     """
 
     points: Points
@@ -303,11 +324,23 @@ class Fitter:
         return VarianceModel(self.points, self.level, r.variance, r.stated, law_known=False)
 
     def blocks(self, fit: Fit) -> list[tuple[Mask, Mask]]:
-        """Which parameters are fitted to which values, in turn until none moves.
+        """Divide parameters and values into blocks that are fitted one after the other.
 
-        The error of the law of pull and torque would bend k, n and m: these, and what acts on them, are
-        fitted to sinkage and resistance alone, and then the strength to pull and torque (the cut of modular
-        Bayesian models, Plummer 2015).
+        There is one block of all, unless `apart`. With it, the error of the law of pull and torque must not
+        bend k, n and m: these, and the effects that act on sinkage or resistance, are fitted to sinkage and
+        resistance alone, and then the strength to pull and torque (the cut of modular Bayesian models,
+        Plummer 2015).
+
+        Parameters
+        ----------
+        fit
+            A fit at any parameters; its slopes show which parameters act on which values.
+
+        Returns
+        -------
+        list of (ndarray, ndarray)
+            For each block, masks of its parameters, shape (parameters,), and of its values, shape
+            (values,).
         """
         points = self.points
         forces = np.isin(points.channel, [points.channels.index(name) for name in points.forces])
@@ -330,7 +363,7 @@ class Fitter:
 
     @cached_property
     def _apart(self) -> tuple[Fitter, Mask] | None:
-        """A fitter of all but pull and torque, and the mask of its values, where they are kept apart."""
+        """A fitter of all but pull and torque, and the mask of its values; None without `apart`."""
         points = self.points
         kept = [name for name in points.channels if name not in points.forces]
         if not self.apart or not kept or len(kept) == len(points.channels):
@@ -340,10 +373,11 @@ class Fitter:
         return replace(part, points=part.points.only(kept), apart=False), mask
 
     def _components(self, model: VarianceModel, fit: Fit, alone: VarianceModel | None) -> Scatter:
-        """The components that suit the errors of a fit best.
+        """Estimate the components of `model` that suit the errors of a fit best.
 
-        alone: of the values but pull and torque, whose law is not to be heard in how firm the soil of a run
-        was: what these values have components for, they know best alone.
+        `alone` is the variance of all values but pull and torque. Components that it has are estimated from
+        these values only, so that the error of the law of pull and torque does not affect the estimated
+        firmness of the soil.
         """
         away, start = fit.away(self.points.value), model.suited(fit.scatter)
         if alone is None or self._apart is None:
@@ -355,26 +389,26 @@ class Fitter:
         )
 
     def true_scatter(self, fit: Fit) -> Scatter:
-        """Components of the true variance that fit the errors best."""
+        """Estimate the components of the true variance (`true_variance`) from the errors of a fit."""
         if not self.working:
             return fit.scatter
         alone = None if self._apart is None else self._apart[0].true_variance
         return self._components(self.true_variance, fit, alone)
 
     def scatter_covariance(self, fit: Fit, scatter: Scatter) -> Array:
-        """Covariance of the logarithms of the variance components.
+        """Covariance of the estimated logarithms of the variance components.
 
         Parameters
         ----------
         fit
-            The fit.
+            A converged fit.
         scatter
-            Variance components: `Fitter.true_scatter`.
+            Estimated variance components: `Fitter.true_scatter`.
 
         Returns
         -------
         ndarray
-            Shape (components, components).
+            Shape (components, components), in the order of `scatter.names`.
         """
         model, given = (
             self.true_variance,
@@ -392,24 +426,25 @@ class Fitter:
         return found
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
-        """A fitter of the same points and noise, which predicts them by another law."""
+        """Return a fitter of the same points and noise with another law (`law`) for its predictions."""
         return replace(self, law=law)
 
     def of_values(self, keep: NDArray[np.bool_]) -> Fitter:
-        """A fitter of some of the values, with the same levels and repeatability."""
+        """Return a fitter of the values where a mask is true, with the same levels and repeatability."""
         known = self.repeats
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
         return replace(self, points=self.points.take(keep), level=self.level[keep], repeats=part)
 
     def covariance(self, fit: Fit, spread: Array | None = None) -> Covariance:
-        """V of a fit, plus U U' where U is given.
+        """Compute the covariance V that weights the values in a fit, plus U U' if U is given.
 
         Parameters
         ----------
         fit
-            The fit.
+            The fit, with its variance components.
         spread
-            U, the part of the errors that parameters can absorb, shape (values, columns).
+            U, such that U U' is the covariance that the prior of the parameters gives to the predictions
+            (`Fit.taken_up`), shape (values, columns).
         """
         return self.variance.covariance(fit.scatter, fit.stiffness, spread)
 
@@ -422,16 +457,17 @@ class Fitter:
         Parameters
         ----------
         vector
-            The free parameters.
+            Names, priors and bounds of the free parameters.
         theta
-            Shape (parameters,); the vector's start if not given. It is clipped to the bounds.
+            Values of the parameters, shape (parameters,), clipped to their bounds; the vector's start if
+            not given.
         scatter
-            Variance components; the usual ones if not given.
+            Variance components; those at the medians of their priors if not given.
 
         Returns
         -------
         Fit
-            The model at these parameters, without evidence and covariance yet.
+            The model at these parameters, with evidence -inf and an empty covariance.
 
         Raises
         ------
@@ -445,15 +481,21 @@ class Fitter:
 
     @one_thread
     def fit(self, start: Fit, *, turns: int = _TURNS) -> Fit:
-        """Continue fitting a model from its present parameters.
+        """Fit a model, starting from the parameters and variance components of another fit.
 
         Parameters
         ----------
         start
-            Where to start.
+            Where to start, as from `at`.
         turns
-            Largest number of times that theta and the variance components are fitted in turn; 0 fits theta
-            alone.
+            Largest number of turns, each of which fits theta and then the variance components; it stops
+            early once the evidence changes by less than 0.05 nats. 0 fits theta once and leaves the
+            variance components.
+
+        Returns
+        -------
+        Fit
+            With evidence and covariance; perhaps not yet converged (`problem.settled`).
         """
         now, last = replace(start, scatter=self.variance.suited(start.scatter)), -np.inf
         for _ in range(max(turns, 1)):
@@ -468,13 +510,13 @@ class Fitter:
         return now
 
     def _climb(self, now: Fit) -> Fit:
-        """Gauss-Newton steps with Levenberg's damping, inside the bounds, in each of the `blocks`."""
+        """Fit theta by Gauss-Newton steps with Levenberg's damping, inside the bounds, in each block."""
         for mine, seen in self.blocks(now):
             now = self._climb_of(now, mine, seen)
         return now
 
     def _climb_of(self, now: Fit, mine: Mask, seen: Mask) -> Fit:
-        """The same of some of the parameters, on some of the values."""
+        """Fit the parameters in the mask `mine` to the values in the mask `seen`."""
         observed, vector, v = self.points.value[seen], now.vector, self.covariance(now).of(seen)
         low, high = vector.bounds
 

@@ -29,18 +29,19 @@ _FEWEST_RUNS = 3  # from which runs' differences have a deviation
 
 @dataclass(frozen=True)
 class Score:
-    """Error of predictions against measurements, in the channel's SI unit.
+    """Error of predictions against measurements of one channel, in its SI unit.
 
     Attributes
     ----------
     rows, runs
-        How many were predicted.
+        Number of rows that were predicted, and of their runs.
     rmse
         Root mean square error.
     bias
         Mean of measured minus predicted: positive if the model predicts too little.
     rmse_std
-        Standard error of the rmse, from the spread over runs; None with fewer than 3 runs.
+        Standard error of the rmse, from the spread over runs; None with fewer than 3 runs, or if the rmse
+        is 0.
     """
 
     rows: int
@@ -52,33 +53,33 @@ class Score:
 
 @dataclass(frozen=True)
 class CvErrors:
-    """Held-out errors of a table's rows.
+    """Errors of a table's rows, held out of the fit (cross-validation) or in sample.
 
     Attributes
     ----------
     error
         Measured minus predicted, by channel, m, N or N m, shape (rows,); NaN where a row has none.
     run
-        Number of each row's run, shape (rows,).
+        Index of each row's run, shape (rows,).
     """
 
     error: Mapping[str, Array]
     run: Index
 
     def score(self, name: str, rows: Mask | None = None) -> Score | None:
-        """The error of one channel.
+        """Summarise the errors of one channel.
 
         Parameters
         ----------
         name
-            The channel.
+            Name of a measured quantity, such as `sinkage`.
         rows
-            Rows that count, shape (rows,); all if not given.
+            Mask of the rows that count, shape (rows,); all if not given.
 
         Returns
         -------
         Score or None
-            m, N or N m; None where the channel has no error on these rows.
+            In m, N or N m; None where the channel has no error in these rows.
         """
         known = np.isfinite(self.error.get(name, np.full(self.run.size, np.nan)))
         known &= True if rows is None else rows
@@ -96,26 +97,26 @@ class CvErrors:
         return {name: found for name in self.error if (found := self.score(name)) is not None}
 
     def without(self, rows: Index) -> CvErrors:
-        """Return the errors without those of the given rows."""
+        """Return the errors with those of the rows of these numbers set to NaN."""
         error = {name: known.copy() for name, known in self.error.items()}
         for known in error.values():
             known[rows] = np.nan
         return CvErrors(error, self.run)
 
     def over(self, size: Mapping[str, Array]) -> CvErrors:
-        """Errors relative to the size of each row's value, by channel, shape (rows,)."""
+        """Return the errors divided by the size of each row's value, given by channel, shape (rows,)."""
         return CvErrors({name: known / size[name] for name, known in self.error.items()}, self.run)
 
     def rmse(self) -> dict[str, float]:
-        """Root mean square of the errors, by channel, m or N."""
+        """Root mean square of the errors, by channel, m, N or N m."""
         return {name: score.rmse for name, score in self.scores().items()}
 
     def rmse_std(self) -> dict[str, float | None]:
-        """Standard error of the rmse by channel."""
+        """Standard error of the rmse by channel, m, N or N m; None with fewer than 3 runs."""
         return {name: score.rmse_std for name, score in self.scores().items()}
 
     def by_run(self, values: Array, rows: Mask) -> Array:
-        """Mean of values in each run.
+        """Average values within each run.
 
         Parameters
         ----------
@@ -127,7 +128,8 @@ class CvErrors:
         Returns
         -------
         ndarray
-            Shape (runs with a chosen row,).
+            One mean for each run that has a chosen row, in the order of the runs' indices, in the unit of
+            `values`.
         """
         count = np.bincount(self.run[rows])
         return np.asarray((np.bincount(self.run[rows], values) / np.maximum(count, 1))[count > 0])
@@ -135,15 +137,15 @@ class CvErrors:
 
 @dataclass(frozen=True)
 class ErrorComparison:
-    """How much smaller the held-out errors of a second model are, by channel.
+    """Change of the errors from a first to a second model, by channel.
 
     Attributes
     ----------
     reduction
-        Relative reduction of the rmse; negative if the second model is worse.
+        1 - rmse of the second model / rmse of the first; negative if the second is worse.
     z_score
-        Difference of the runs' mean squared errors over its standard error; positive if the second model is
-        better.
+        Mean over runs of the first model's mean squared error minus that of the second, divided by its
+        standard error; positive if the second model is better, about 0 with one run.
     """
 
     reduction: Mapping[str, float]
@@ -156,23 +158,23 @@ class ErrorComparison:
 
     @property
     def better(self) -> tuple[str, ...]:
-        """Channels whose error falls by `USEFUL`, and by more than its standard error."""
+        """Channels whose error falls by at least a share `USEFUL`, and by more than its standard error."""
         falls = self.reduction
         return tuple(n for n, z in self.z_score.items() if z > 1.0 and falls[n] >= USEFUL)
 
     @property
     def helps(self) -> bool:
-        """Whether the error of some channel falls."""
+        """Whether any channel is `better`."""
         return bool(self.better)
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> ErrorComparison:
-    """Compare two models' held-out errors, by channel, on the rows that both predict.
+    """Compare the errors of two models on the rows that both predict, for each channel that both have.
 
     Parameters
     ----------
     before, after
-        Held-out errors of the first and of the second model.
+        Errors of the first and of the second model, for the same table.
     """
     reduction, z_score = {}, {}
     for name in (n for n in before.error if n in after.error):
@@ -190,9 +192,10 @@ def compare_cv(before: CvErrors, after: CvErrors) -> ErrorComparison:
 
 
 def folds_of(points: Points) -> Index:
-    """The fold of each run of the table, shape (runs,): `FOLDS` of them, or, of few runs, one for each.
+    """Fold of each run of the table, shape (runs,): `FOLDS` folds, or one for each run where runs are few.
 
-    Runs are shuffled, since tables often list them in an order.
+    Few is up to twice `FOLDS`. Runs are shuffled, the same way each time, since tables often list them in
+    an order.
     """
     runs = np.unique(points.run)
     folds = runs.size if runs.size <= 2 * FOLDS else FOLDS
@@ -202,7 +205,10 @@ def folds_of(points: Points) -> Index:
 
 
 def sizes_of(points: Points) -> dict[str, Array]:
-    """Size of each row's value, by channel (`levels_of`), shape (rows of the table,), else NaN."""
+    """Size of each row's value (`levels_of`) by channel, SI, shape (rows of the table,).
+
+    NaN in rows that are not in the points.
+    """
     level, found = levels_of(points), dict[str, Array]()
     for name in points.channels:
         found[name] = np.full(len(points.measurements), np.nan)
@@ -226,7 +232,7 @@ def leave_out(group: Index) -> Iterator[Mask]:
 
 
 def rows_of(points: Points) -> dict[str, Index]:
-    """Numbers of the table's rows that are in its points and thus are scored, by channel."""
+    """Numbers of the table's rows that are in its points and thus are scored, by channel, ascending."""
     found = {}
     for name in points.channels:
         mine = np.flatnonzero(points.of_channel(name))
@@ -238,21 +244,21 @@ def rows_of(points: Points) -> dict[str, Index]:
 def row_errors(
     measurements: Measurements, model: Model, rows: Mapping[str, Index]
 ) -> dict[str, Array]:
-    """Compute measured minus predicted values, by channel.
+    """Compute measured minus predicted values of chosen rows, by channel.
 
     Parameters
     ----------
     measurements
-        The table.
+        The table of measurements.
     model
-        The model.
+        Model that predicts the rows.
     rows
         Numbers of the rows to predict, by channel, shape (rows to predict,) each.
 
     Returns
     -------
     dict of ndarray
-        Shape (rows of the table,), m, N or N m; NaN elsewhere.
+        By channel, m, N or N m, shape (rows of the table,); NaN in the other rows.
     """
     used = np.unique(np.concatenate(list(rows.values())))
     there, forces = filled(measurements.conditions).take(used), not set(FORCES).isdisjoint(rows)
@@ -266,14 +272,14 @@ def row_errors(
 
 
 def in_sample(points: Points, model: Model) -> CvErrors:
-    """Compute the errors of a model as it stands, without leaving anything out.
+    """Compute the errors of a model on the rows of the points, without leaving anything out.
 
     Parameters
     ----------
     points
         The points, with their table.
     model
-        The model.
+        The model; it is not fitted.
     """
     error = row_errors(points.measurements, model, rows_of(points))
     return CvErrors(error, runs_of(points.measurements)[1])
@@ -287,27 +293,27 @@ def cross_validate(
     *,
     known: Collection[str] | None = None,
 ) -> list[CvErrors]:
-    """Held-out errors of each model that `chooser` fits to a fold's training points.
+    """Compute held-out errors of models, fitted without one fold of the values after another.
 
     Parameters
     ----------
     points
         All points.
     chooser
-        Function that returns up to `steps` models, simplest first; if it returns fewer, the last one stands
-        for the rest.
+        Function that fits models to training points and returns up to `steps` of them, simplest first; if
+        it returns fewer, the last one stands for the rest.
     steps
         Number of models.
     fold
         Fold of each value, shape (values,); `folds_of` the runs if not given.
     known
-        Soils known beforehand; another soil without training rows in a fold gets the middle of those
-        with training rows. None: all are known.
+        Names of soils known beforehand. Any other soil without training rows in a fold is predicted with
+        the mean parameters of the soils with training rows. None: all soils are known.
 
     Returns
     -------
     list of CvErrors
-        One for each step.
+        One for each of the `steps` models.
     """
     fold = folds_of(points)[points.run] if fold is None else fold
     blank = np.full(len(points.measurements), np.nan)
@@ -325,10 +331,11 @@ def cross_validate(
 
 
 def _with_middle(model: Model, training: Points, known: Collection[str]) -> Model:
-    """The model with the middle of the soils of the training points for a soil that is not among them.
+    """Return the model with a mean of the training points' soils in place of each soil without any.
 
-    A fit leaves such a soil at its prior, which is that of all soils there are. The middle is what gives the
-    mean ln z of a plate, ln(z / 10 mm) = (ln p - ln p_ref - m ln(D / 0.2 m)) / n, as a regression has it.
+    Soils in `known` are kept. A fit leaves a soil without training points at its prior, which is that of
+    all soils there are. The mean is weighted so that it gives the mean ln z of a plate, ln(z / 10 mm) = (ln
+    p - ln p_ref - m ln(D / 0.2 m)) / n, as a regression would.
     """
     named = training.conditions.soil
     met = set() if named is None else {str(name) for name in named[training.row]}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collects what a model file keeps of the data: ranges, scatter of runs, and how accurate pull is."""
+"""What a model file keeps of the data: ranges, scatter of the runs, and the accuracy of pull and torque."""
 
 from __future__ import annotations
 
@@ -33,16 +33,21 @@ _LEAST_OFF = 0.01  # of a setting's range: nearer to a line it was not set
 
 
 def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
-    """Collect what a prediction needs of the data: ranges, wheels, scatter, and errors of the laws.
+    """Collect what a prediction needs to know of the data: ranges, wheels, scatter, and errors of the laws.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        The fit.
+        A converged fit by `fitter`.
     scatter
-        Variance components: `Fitter.true_scatter`.
+        Estimated variance components: `Fitter.true_scatter`.
+
+    Returns
+    -------
+    Measured
+        The entry `measured` of a model file.
     """
     points = fitter.points
     return Measured(
@@ -56,7 +61,7 @@ def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
 
 
 def _ranges(points: Points) -> dict[str, tuple[float, float]]:
-    """From where to where each setting was varied."""
+    """Lowest and highest value of each setting, SI; of a setting of wheels only rows that roll count."""
     there, found = points.conditions.take(np.unique(points.row)), {}
     names = [n for n in setting_columns(points.measurements) if n in there or n in _SIZES]
     for name in names:
@@ -67,7 +72,7 @@ def _ranges(points: Points) -> dict[str, tuple[float, float]]:
 
 
 def _wheels(points: Points) -> tuple[tuple[float, float, float], ...]:
-    """Diameter, width and lugs (m) of each wheel that rolled."""
+    """Diameter, width and height of lugs (m) of each wheel that rolled."""
     there = points.conditions.take(np.unique(points.row))
     lugs = there.covariates.get("grouser_height", np.zeros(len(there)))
     sizes = np.column_stack([there.diameter, there.width, lugs])[there.rolling]
@@ -75,10 +80,11 @@ def _wheels(points: Points) -> tuple[tuple[float, float, float], ...]:
 
 
 def _run_scatter(fitter: Fitter, scatter: Scatter, channel: str) -> RunScatter:
-    """What runs and rows of a channel scatter by, and what its law is off by from setting to setting.
+    """Scatter of the runs and rows of a channel, and error of its law from setting to setting.
 
-    Where no setting was repeated the two cannot be told apart, and share what is there as before data
-    (`LACK_OF_FIT`). The law of pull and torque has what it is off by of its own (`ForceLaw`).
+    Where no setting was repeated the two cannot be told apart: their sum is divided as the priors are
+    (`CHANNEL_SCATTER`, `LACK_OF_FIT`). The error of the law of pull and torque stands elsewhere
+    (`ForceLaw`).
     """
     noise, deviations = fitter.repeats.channels[channel], scatter.deviations
     middle = float(np.median(fitter.level[fitter.points.of_channel(channel)]))
@@ -98,7 +104,7 @@ def _run_scatter(fitter: Fitter, scatter: Scatter, channel: str) -> RunScatter:
 
 
 def _force_laws(fitter: Fitter, fit: Fit, scatter: Scatter) -> dict[str, ForceLaw]:
-    """What the law of pull and torque is off by, as its prior and this table say together."""
+    """Error of the law of pull and torque by channel, from its prior and this table together."""
     points = fitter.points
     if not points.forces or not fitter.working:
         return {}
@@ -119,11 +125,11 @@ def _force_laws(fitter: Fitter, fit: Fit, scatter: Scatter) -> dict[str, ForceLa
 
 
 def _off_where_measured(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
-    """Mean square of what is predicted less what is true there, of the level, shape (forces,).
+    """Mean square error of the predictions where measured, relative to the levels, by force channel.
 
-    The truth t = f + d, d the error of the law, is known from all values: with the prior's t0,
-    S = J P^-1 J' + V_d, and K = S + the scatter of runs and rows, it is t0 + S K^-1 (y - t0) with covariance
-    S - S K^-1 S.
+    Shape (force channels,). The truth t = f + d, with d the error of the law, is estimated from all values:
+    with the prediction t0 at the prior's centre, S = J P^-1 J' + V_d, and K = S + the scatter of runs and
+    rows, it is t0 + S K^-1 (y - t0) with covariance S - S K^-1 S (Gaussian conditioning).
     """
     points, model = fitter.points, fitter.true_variance
     mine, seen = fitter.blocks(fit)[-1]
@@ -141,7 +147,10 @@ def _off_where_measured(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
 
 
 def tied_settings(points: Points) -> tuple[Tied, ...]:
-    """Pairs of settings that were varied together: one explains `TOGETHER` of the other's variance."""
+    """Pairs of settings that were varied together: one explains at least `TOGETHER` of the other's variance.
+
+    The other setting is described as a linear function of the first, with the scatter about it, SI.
+    """
     rows = np.unique(points.row, return_index=True)[1]
     columns = {n: c[rows] for n, c in points.varied.items()
                if n in ("load", *SETTINGS) and np.isfinite(c).all()}  # fmt: skip

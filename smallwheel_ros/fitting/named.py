@@ -24,14 +24,25 @@ _WORST_FIRST: tuple[Status, ...] = ("at its bound", "not determined", "held")
 
 @dataclass(frozen=True, repr=False)
 class FittedParameter:
-    """One fitted parameter.
+    """One fitted parameter, or a number derived from fitted parameters.
 
     Attributes
     ----------
     owner
-        The soil or effect.
+        Name of the soil, or id of the effect, that the parameter belongs to.
+    name
+        Its name without the owner's.
+    value
+        In `unit`.
     std
         Standard deviation, in `unit`; None if the parameter is fixed, or at its bound.
+    unit
+        As text; `1` if dimensionless.
+    bounds
+        Lowest and highest value that a fit may give it, in `unit`.
+    status
+        `determined`: the data reduced the prior's standard deviation to half or less; `not determined`: it
+        did not; `at its bound`; `held`: not fitted, since all bodies had one diameter (m only).
     remedy
         The measurement that would determine it; empty if it is determined.
     """
@@ -47,7 +58,7 @@ class FittedParameter:
 
     @property
     def full_name(self) -> str:
-        """`dry_sand.n`, `slip_sinkage.a`."""
+        """The owner's name and its own, as `dry_sand.n` or `slip_sinkage.a`."""
         return f"{self.owner}.{self.name}"
 
     def __str__(self) -> str:
@@ -67,12 +78,12 @@ class FittedParameter:
         return f"<{self.full_name}: {self}>"
 
     def row(self, of: str) -> dict[str, Any]:
-        """The parameter as a row of a table, in which it belongs to `of`."""
+        """Return name, value, std, unit and status as a row of a table, with `of` in its column `of`."""
         known = {n: getattr(self, n) for n in ("value", "std", "unit", "status")}
         return {"of": of, "parameter": self.name, **known}
 
     def to_dict(self) -> dict[str, Any]:
-        """The parameter as plain values, SI."""
+        """Return value, std, unit, status and remedy; value and std are in `unit`."""
         return {n: getattr(self, n) for n in ("value", "std", "unit", "status", "remedy")}
 
 
@@ -82,18 +93,27 @@ def derived_parameters(
     names: Sequence[str],
     covariance: Array,
 ) -> tuple[FittedParameter, ...]:
-    """Compute numbers that follow from the parameters; each is determined only if all of these are.
+    """Compute k and the shear deformation modulus of each soil from its fitted parameters.
+
+    A derived number has the worst status among the parameters that it is computed from, and that
+    parameter's remedy.
 
     Parameters
     ----------
     soils
-        The fitted soils.
+        The soils with their fitted numbers.
     parameters
-        The fitted parameters.
+        Their fitted parameters, from which status and remedy are taken.
     names
-        Full names of the parameters in `covariance`.
+        Full names of the parameters in `covariance`, as `dry_sand.n`.
     covariance
-        Shape (names, names), SI units.
+        Their covariance, shape (names, names), in the products of their units.
+
+    Returns
+    -------
+    tuple of FittedParameter
+        `k` [Pa/m^(n+m)] and `shear_displacement` [m]; a number is left out where `names` lacks the
+        parameter that it depends on most.
     """
     known = {p.full_name: p for p in parameters}
     found = []
@@ -112,7 +132,7 @@ def derived_parameters(
 
 
 class ParameterNameError(SmallwheelError, KeyError):
-    """A name that is no parameter of a fit, or one of several soils."""
+    """No parameter of a fit has the name asked for, or several soils or effects have one of that name."""
 
     __str__ = Exception.__str__  # that of KeyError is in quotes
 

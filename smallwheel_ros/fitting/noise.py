@@ -5,7 +5,7 @@ The size is that of a log-log regression of the measured values on the settings 
 `levels_of`). The regression has no physics; it is the reference that a law has to beat, and a row
 of `smallwheel compare`:
 
-    ln value = own of its soil + b . (ln load, ln diameter, ln width, slip, slip^2, pass, speed)
+    ln value = constant of its soil + b . (ln load, ln diameter, ln width, slip, slip^2, pass, speed)
 
 by least squares, over the settings that were varied. Repeatability is
 
@@ -44,9 +44,10 @@ _OF_SPAN = 0.01  # of what a curve spans: no gauge resolves less
 
 
 def _columns(conditions: Conditions) -> Array:
-    """What a value may depend on, the most likely first, shape (rows, columns); NaN of what has no logarithm.
+    """Variables that a value may depend on, the most likely first, shape (rows, columns).
 
-    A plate has no width.
+    These are ln load, ln diameter, ln width, then slip, slip^2, pass number and speed where the table has
+    them. The logarithm of a size that is not positive is NaN: a plate has no width.
     """
     sizes = [conditions[name] for name in ("load", "diameter", "width")]
     columns = [np.log(np.where(size > 0.0, size, np.nan)) for size in sizes]
@@ -59,14 +60,19 @@ def _columns(conditions: Conditions) -> Array:
 
 @dataclass(frozen=True)
 class NoiseLine:
-    """Regression of the logarithm of measured values on what a value may depend on (`_columns`).
+    """Log-log regression of measured values on the settings (formula: module's docstring).
 
     Attributes
     ----------
-    soils, own
-        Names of the soils; intercept of each, ln of the value (SI), shape (soils,).
-    used, slopes
-        Indices of the columns that vary and are used, and their slopes, shape (used,) each.
+    soils
+        Names of the soils; one empty name where rows name none.
+    own
+        Intercept of each soil, ln of the value in SI, shape (soils,).
+    used
+        Indices of the variables that are used, shape (used,), in the order ln load, ln diameter, ln width,
+        slip, slip^2, pass number, speed.
+    slopes
+        Their slopes, shape (used,).
     """
 
     soils: tuple[str, ...]
@@ -76,16 +82,19 @@ class NoiseLine:
 
     @classmethod
     def through(cls, value: Array, row: Index, conditions: Conditions) -> NoiseLine:
-        """Fit the regression.
+        """Fit the regression by weighted least squares.
+
+        Only variables that were varied are used, and no more of them than half the number of values, less
+        the number of soils. Values below the median have less weight.
 
         Parameters
         ----------
         value
-            Positive, shape (values,).
+            Measured values of one channel, positive, SI, shape (values,).
         row
             Row of the conditions of each value, shape (values,).
         conditions
-            Conditions of the rows.
+            Settings of the rows: load, diameter, width and others, SI.
         """
         columns = _columns(conditions)
         known = np.isfinite(columns).all(axis=0)
@@ -105,21 +114,22 @@ class NoiseLine:
     def power_of_load(
         self, value: Array, row: Index, conditions: Conditions
     ) -> tuple[float, float]:
-        """Find the power of the load to which the values are proportional.
+        """Return the power of the load to which the values are proportional, and its standard deviation.
 
         Parameters
         ----------
         value
-            Positive, shape (values,).
+            The values that the line was fitted to, positive, SI, shape (values,).
         row
             Row of the conditions of each value, shape (values,).
         conditions
-            Conditions of the rows.
+            Settings of the rows: load, diameter, width and others, SI.
 
         Returns
         -------
         power, deviation : float
-            (inf, 0) where the load hardly varies.
+            (inf, 0) where the regression does not use the load, because it was not varied or values are too
+            few.
         """
         if 0 not in self.used:
             return np.inf, 0.0
@@ -132,7 +142,7 @@ class NoiseLine:
         return float(self.slopes[place]), float(np.sqrt(variance[1 + place, 1 + place]))
 
     def at(self, conditions: Conditions) -> Array:
-        """Values by the regression, shape (rows,); a soil that it has not met has the mean intercept."""
+        """Values by the regression, SI, shape (rows,); soils not fitted have the mean intercept."""
         own = np.full(len(conditions), self.own.mean())
         if conditions.soil is not None:
             for name, level in zip(self.soils, self.own, strict=True):
@@ -141,12 +151,12 @@ class NoiseLine:
 
 
 def of_load(conditions: Conditions, channel: str) -> Array:
-    """The scale of a force channel: the load, or the load times the radius for a torque.
+    """Return the scale of a force channel: the load, or the load times the radius for a torque.
 
     Parameters
     ----------
     conditions
-        Conditions of the rows.
+        Settings of the rows: load, diameter, width and others, SI.
     channel
         `torque`, or one in N.
 
@@ -159,7 +169,11 @@ def of_load(conditions: Conditions, channel: str) -> Array:
 
 
 def wheel_discrepancy(conditions: Conditions) -> Array:
-    """Deviation of the law of pull and torque for a wheel at any slip, relative to the load, (rows,)."""
+    """Standard deviation of the error that the law of pull and torque makes for a wheel at all of its slips.
+
+    Relative to the load (of torque, load times radius), shape (rows,): `FORCE_LUGS` for a wheel with lugs
+    over a tenth of its radius, else `FORCE_WHEEL`.
+    """
     if "grouser_height" not in conditions:
         return np.full(len(conditions), FORCE_WHEEL)
     high = conditions["grouser_height"] >= 0.05 * conditions.diameter
@@ -195,18 +209,19 @@ def levels_of(points: Points) -> Array:
 
 @dataclass(frozen=True)
 class RowNoise:
-    """Repeatability of one row, as a standard deviation.
+    """Repeatability of one row of a channel, as a standard deviation in two parts.
 
     Attributes
     ----------
     absolute
-        Constant part, m or N.
+        Constant part, m, N or N m.
     relative
-        Part relative to the level, 1.
+        Part proportional to the size of the value (`levels_of`), dimensionless.
     source
-        What it is known from: repeats, deviations that the table declares, or residuals.
+        `repeats` of a setting within a run, deviations that the table declares (`declared`), or
+        `residuals`: there are neither, and the fit's variance components contain the repeatability.
     freedom
-        Degrees of freedom.
+        Degrees of freedom of the repeats; 0 if there are none.
     """
 
     absolute: float
@@ -215,23 +230,24 @@ class RowNoise:
     freedom: int
 
     def variance(self, level: Array) -> Array:
-        """Variance of one row at these levels."""
+        """Variance of one row: absolute^2 + (relative * level)^2 for values of size `level`, in its shape."""
         return np.asarray(self.absolute**2 + (self.relative * level) ** 2)
 
 
 @dataclass(frozen=True)
 class Repeats:
-    """Repeatability by channel, and of each value.
+    """Repeatability of each channel, and the variance that it gives to each value.
 
     Attributes
     ----------
     channels
         Repeatability of a row, by channel.
     variance
-        Variance of each value, which is the mean of its rows, shape (values,).
+        Variance of each value, the mean of its rows, from repeats, SI, shape (values,); 0 for channels
+        without repeats.
     stated
-        Standard deviation of that mean as the table declares it, shape (values,); 0 where repeats are used
-        instead, or nothing is known.
+        Variance of that mean by the deviations that the table declares, SI, shape (values,); 0 where
+        repeats are used instead, or nothing is declared.
     """
 
     channels: Mapping[str, RowNoise]
@@ -240,14 +256,22 @@ class Repeats:
 
 
 def repeats_of(points: Points, level: Array) -> Repeats:
-    """Repeatability of each channel, and the variance that it gives to each value.
+    """Estimate the repeatability of each channel, and the variance that it gives to each value.
+
+    Deviations that the table declares for every value of a channel are used, times one factor that repeats
+    determine; else repeats alone, as in `RowNoise`.
 
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     level
         L, the size of each value (`levels_of`), shape (values,), m, N or N m.
+
+    Returns
+    -------
+    Repeats
+        By channel, and of each value.
     """
     channels: dict[str, RowNoise] = {}
     variance, stated = np.zeros(len(points)), np.zeros(len(points))
@@ -276,7 +300,7 @@ def repeats_of(points: Points, level: Array) -> Repeats:
 
 
 def _apart(values: Array, swept: bool) -> tuple[Array, int]:
-    """What rows of one point are off their mean (a line along a swept run), and degrees of freedom."""
+    """Deviations of the rows of a point from their mean (a line in a swept run), and degrees of freedom."""
     n = values.size
     apart = values - values.mean()
     if not swept or n < 3:
@@ -286,17 +310,20 @@ def _apart(values: Array, swept: bool) -> tuple[Array, int]:
 
 
 def _scaled(squares: Array, freedom: Array, declared: Array) -> tuple[RowNoise, float]:
-    """Declared deviations times one factor; before the repeats it is 1, as sure as one repeat."""
+    """Noise by the declared deviations times one factor on their squares, and that factor.
+
+    Before any repeats the factor is 1, with the weight of one repeat.
+    """
     factor = float((np.sum(squares / declared**2) + 1.0) / (freedom.sum() + 1.0))
     size = float(np.sqrt(factor * np.mean(declared**2)))
     return RowNoise(size, 0.0, "repeats", int(freedom.sum())), factor
 
 
 def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
-    """Absolute and relative noise: the mean over a grid of shares, each by its likelihood.
+    """Estimate absolute and relative noise, averaged over a grid of shares weighted by their likelihood.
 
-    The mean, not the best: few repeats hardly say which of the two it is. `ROW_NOISE` counts as one
-    repeat.
+    The most likely share alone would not do: a few repeats hardly show which of the two parts it is.
+    `ROW_NOISE` has the weight of one repeat.
     """
     middle = float(np.sqrt(np.mean(level**2)))
     total = float(freedom.sum()) + 1.0
@@ -314,11 +341,22 @@ def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
 
 
 def furthest_off(groups: list[Array]) -> list[tuple[int, int]]:
-    """Group and index of each value that is grossly wrong among the others of its group; only a few.
+    """Find gross outliers: at most one value in each group, the one furthest from the group's median.
 
-    A value's distance from the group's median counts in standard deviations of a value of that size, by
+    The distance is measured in robust standard deviations for the size of the group's median, from
     absolute^2 + (relative * size)^2 as in `RowNoise`, so that values near zero (a pull) are judged alike.
     Only the worst value of a group is listed, since it shifts the median of the others.
+
+    Parameters
+    ----------
+    groups
+        Values that should agree, in one unit, shape (values of the group,) each.
+
+    Returns
+    -------
+    list of (int, int)
+        Index of the group, and of the value in it; empty where more than a share `MOST_OUTLIERS` of the
+        groups have an outlier, since the noise is then heavy-tailed.
     """
     middles = np.array([np.median(values) for values in groups])
     off = [np.abs(values - middle) for values, middle in zip(groups, middles, strict=True)]
@@ -333,9 +371,10 @@ def furthest_off(groups: list[Array]) -> list[tuple[int, int]]:
 
 
 def _usual_deviation(off: list[Array], size: Array) -> Array:
-    """What values of each group deviate by, robustly, shape (groups,).
+    """Robust standard deviation of values in each group, shape (groups,).
 
-    The absolute part is that of the smaller half of the groups, the relative part that of the larger.
+    The absolute part is estimated from the groups of smaller size, the relative part from those of larger
+    size.
     """
     middle = np.median(size)
     small = np.concatenate([one for one, s in zip(off, size, strict=True) if s <= middle])
@@ -345,17 +384,17 @@ def _usual_deviation(off: list[Array], size: Array) -> Array:
 
 
 def outlier_limit(count: int) -> float:
-    """Number of robust deviations from which one of `count` values is an outlier.
+    """Number of robust standard deviations from which one of `count` values is an outlier.
 
-    This is `OUTLIER`, or more where there are so few values to estimate the deviation from that chance alone
-    would exceed it in more than one of `1 / CLEAN` tables: a median is about half as efficient as a sum of
-    squares.
+    This is `OUTLIER`, or more where there are so few values to estimate the deviation from that in more
+    than a share `CLEAN` of tables one of them would exceed it by chance. A median is about half as
+    efficient as a sum of squares.
     """
     return max(OUTLIER, -float(stdtrit(max(0.5 * count, 1.0), 0.5 * CLEAN / max(count, 1))))
 
 
 def outlier_rows(points: Points) -> Index:
-    """Rows far from the others of their point, or from their neighbours along a curve."""
+    """Numbers of the table's rows far from the others of their point, or from neighbours along a curve."""
     found = [row for rows in _curves(points) for row in spikes(rows)]
     for name in points.channels:
         measured = points.measurements.channels[name]
@@ -368,7 +407,7 @@ def outlier_rows(points: Points) -> Index:
 
 
 def _curves(points: Points) -> Iterator[tuple[Index, Array]]:
-    """Rows of each swept run and what was read there, load or channel by channel, in order."""
+    """Rows of each swept run in order, with the values measured there: load, then channel by channel."""
     table, codes = points.measurements, runs_of(points.measurements)[1]
     for run in np.unique(points.run[points.swept]):
         for values in (table.conditions.load, *(table.channels[n] for n in points.channels)):
@@ -377,11 +416,23 @@ def _curves(points: Points) -> Iterator[tuple[Index, Array]]:
 
 
 def spikes(curve: tuple[Index, Array]) -> Index:
-    """Rows that differ from their neighbours along a curve by more than `OUTLIER` times what is usual there.
+    """Find rows that differ from their neighbours along a curve by more than `OUTLIER` usual deviations.
 
-    The difference is that from the running median. Usual is the largest of three numbers: how far rows are
-    off the median, the steps around a row, and a hundredth of the range of the curve. Where more than
-    `_MOST_SPIKES` of the rows differ so much, they are not spikes, and none is returned.
+    The difference is that from the running median of seven rows. The usual deviation is the largest of
+    three numbers: that of all rows from the running median, the median step between the rows around, and a
+    hundredth of the range of the curve (20 to 80 %).
+
+    Parameters
+    ----------
+    curve : (ndarray, ndarray)
+        Numbers of the table's rows, and the values measured there, in order along the curve, shape (rows,)
+        each.
+
+    Returns
+    -------
+    ndarray
+        Numbers of the rows that are spikes; empty where more than a share `_MOST_SPIKES` of the rows differ
+        so much, or the curve has fewer than 12 rows.
     """
     rows, values = curve
     if rows.size < 4 * _AROUND:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of a fit, their priors, and the model that they define.
 
-    theta = (ln p_ref, n, m [, phi, ln K, c] of each soil; the numbers of each effect)
+    theta = (ln p_ref, n, m [, phi, ln K, c and what a wheel does with them] of each soil; the numbers of each
+             effect)
 
-Soils have Gaussian priors, effects Student's t. ln p_ref is ln of the pressure at 10 mm of sinkage under
-a wheel of 0.2 m: k itself is the pressure at one metre, an extrapolation whose error is tied to n and m.
+Soils have Gaussian priors, effects wide Gaussian ones in a fit and Student's t in a diagnosis. ln p_ref is
+ln of the pressure at 10 mm of sinkage under a wheel of 0.2 m: k itself is the pressure at one metre, an
+extrapolation whose error is tied to n and m.
 """
 
 from __future__ import annotations
@@ -39,10 +41,12 @@ class Prior:
 
     Attributes
     ----------
-    centre, deviation
-        Centre, and standard deviation (for Student's t: scale).
+    centre
+        Its centre.
+    deviation
+        Standard deviation of a Gaussian, scale of a Student's t.
     low, high
-        Bounds, at which it is truncated.
+        Bounds of the parameter; a Student's t is truncated at them.
     freedom
         Degrees of freedom of Student's t; a Gaussian if infinite.
     """
@@ -64,7 +68,7 @@ class Prior:
         return float(scale - constant)
 
     def log_density(self, value: float) -> float:
-        """Logarithm of the prior's density."""
+        """Logarithm of the prior's density at a value, also outside the bounds."""
         u = (value - self.centre) / self.deviation
         if np.isinf(self.freedom):
             return -0.5 * u * u - self._log_norm
@@ -79,14 +83,20 @@ class Prior:
 
 
 def instrument_prior(p: Parameter, size: float) -> Prior:
-    """Prior of a parameter of an instrument's fault.
+    """Return the prior of a parameter of an instrument's fault, centred where there is no fault.
 
     Parameters
     ----------
     p
-        The parameter.
+        Declared parameter of the fault, with bounds and unit.
     size
-        Typical reading, in the parameter's unit.
+        Typical reading, in the parameter's unit, of which the scale is a share `INSTRUMENT`. A parameter in
+        metres, a zero of sinkage, has a scale of its own (`SINKAGE_ZERO_STD`).
+
+    Returns
+    -------
+    Prior
+        A Student's t within the parameter's bounds.
     """
     if p.unit == "m":
         wide, freedom = SINKAGE_ZERO_STD, SINKAGE_ZERO_FREEDOM
@@ -121,14 +131,20 @@ USUAL_STRENGTH = {
 
 
 def soil_numbers(soil: Soil) -> dict[str, float]:
-    """The parameters of a soil as a fit uses them, by name."""
+    """Return a soil's numbers by name as a fit uses them.
+
+    ln p_ref (ln Pa) is added, and ln K (ln m) stands for the shear deformation modulus; all others are SI.
+    """
     found = {name: float(getattr(soil, name)) for name in SOIL_NUMBERS}
     found["log_shear_displacement"] = float(np.log(found.pop("shear_displacement")))
     return found | {"log_reference_pressure": soil.log_reference_pressure}
 
 
 def numbers_of_soil(known: Mapping[str, Any]) -> dict[str, Any]:
-    """The numbers of `SOIL_NUMBERS` from those that a fit uses, floats or arrays."""
+    """Return a soil's numbers by the names of `SOIL_NUMBERS`, SI, from those that a fit uses.
+
+    Floats, or arrays of any shape.
+    """
     found = {name: known[name] for name in SOIL_NUMBERS if name in known}
     found["shear_displacement"] = np.exp(known["log_shear_displacement"])
     found["k"] = k_from_reference(known["log_reference_pressure"], known["n"], known["m"])
@@ -136,14 +152,15 @@ def numbers_of_soil(known: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
-    """A soil with some of its numbers replaced.
+    """Return a soil with some of its numbers replaced.
 
     Parameters
     ----------
     soil
-        The soil.
+        Soil whose other numbers are kept.
     values
-        New numbers by name, SI units, as in `soil_numbers`.
+        New numbers by the names of a fit (`soil_numbers`): k is given by `log_reference_pressure` (ln Pa),
+        the shear deformation modulus by `log_shear_displacement` (ln m), the others in SI units.
     name
         New name; the old one if empty.
     """
@@ -154,7 +171,15 @@ def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
 
 @dataclass(frozen=True)
 class ParameterPrior:
-    """Prior of a soil known from elsewhere: mean, and covariance of (ln p_ref, n, m), shape (3, 3)."""
+    """Prior of a soil known from elsewhere, as from a model file.
+
+    Attributes
+    ----------
+    soil
+        The soil with the mean of the prior.
+    covariance
+        Covariance of (ln p_ref, n, m), shape (3, 3).
+    """
 
     soil: Soil
     covariance: Array
@@ -162,7 +187,21 @@ class ParameterPrior:
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """One free parameter; `owner` is the name of the soil or the id of the effect that has it."""
+    """One free parameter of a fit.
+
+    Attributes
+    ----------
+    owner
+        Name of the soil, or id of the effect, that the parameter belongs to.
+    field
+        Its name there, such as `n`.
+    start
+        Value to start from, in `unit`.
+    unit
+        As text; `1` if dimensionless, `ln Pa` for a logarithm.
+    prior
+        Its prior distribution and bounds.
+    """
 
     owner: str
     field: str
@@ -172,20 +211,24 @@ class FreeParameter:
 
     @property
     def name(self) -> str:
-        """`dry_sand.n`, `slip_sinkage.a`."""
+        """The owner's name and its own, as `dry_sand.n` or `slip_sinkage.a`."""
         return f"{self.owner}.{self.field}"
 
 
 @dataclass(frozen=True)
 class EffectPart:
-    """One effect of a fit: its free parameters, and how the effect is made from their values.
+    """One effect of a fit: its free parameters, and the function that makes the effect from their values.
 
     Attributes
     ----------
+    id
+        Id of the effect.
+    parameters
+        Its free parameters.
     build
         Makes the effect from values by name, floats or arrays with an entry for each row.
     replaces
-        Id of the effect of the model that it replaces; empty if it is added.
+        Id of the effect in the model that it replaces; empty if it is added.
     """
 
     id: str
@@ -202,17 +245,17 @@ class EffectPart:
 def part_of(
     effect: Effect, priors: Mapping[str, Prior] | None = None, replaces: str = ""
 ) -> EffectPart:
-    """Make an effect of a fit, whose parameters are free and start at their present values.
+    """Make a part of a fit from an effect: all of its parameters are free and start at their present values.
 
     Parameters
     ----------
     effect
-        The effect.
+        Effect to fit.
     priors
-        Priors by parameter. A parameter without one is held within its bounds only: its prior's deviation is
-        as wide as they are apart.
+        Priors by parameter name. A parameter without one has a Gaussian about its present value, with a
+        standard deviation as large as the distance between its bounds.
     replaces
-        Id of the effect that the part replaces; empty if none.
+        Id of the effect in the model that the part replaces; empty if it is added.
     """
     values, listed = dict(effect.values()), []
     for p in effect.parameters():
@@ -223,14 +266,25 @@ def part_of(
 
 
 def with_values(effect: Effect, numbers: Mapping[str, Any]) -> Effect:
-    """Return an effect with other numbers.
+    """Return an effect with other values of some of its parameters.
 
     Parameters
     ----------
     effect
-        The effect.
+        Effect whose other values are kept.
     numbers
-        Numbers by name, SI; arrays (one value for each row) are not checked against the bounds.
+        New values by parameter name, SI. If any is an array, shape (rows,), values are not checked against
+        the bounds.
+
+    Returns
+    -------
+    Effect
+        Of the same class; `effect` is unchanged.
+
+    Raises
+    ------
+    EffectError
+        If a single number is outside its bounds.
     """
     if all(np.ndim(v) == 0 for v in numbers.values()):
         return replace(effect, **{name: float(v) for name, v in numbers.items()})
@@ -246,17 +300,28 @@ class ParameterVector:
     Attributes
     ----------
     soils
-        Soils to start from.
+        Soils whose numbers hold where no free parameter replaces them.
+    geometry, thrust_form
+        Rules of the model for load from sinkage, and for thrust.
     fixed
         Effects that are in the model and not fitted.
+    parts
+        Effects that are fitted.
     of_soils
         Free parameters of the soils; `base_size` is their number.
     soil_precision
-        Precision of their Gaussian prior, shape (base_size, base_size).
+        Precision of their joint Gaussian prior, shape (base_size, base_size).
+    free, names
+        All free parameters in order, first those of the soils, and their full names.
     start, bounds
         Starting values of all parameters, and their lower and upper bounds, shape (parameters,) each.
     centre, scale
-        Means and deviations of the priors, shape (parameters,).
+        Centres and scales of the priors, shape (parameters,).
+    log_density
+        ln of the density of the soils' prior at its centre.
+    soil_table
+        For `soil_columns`: names of the soils' numbers, their values, shape (numbers, soils), and for each
+        parameter of `of_soils` its row and column there.
     """
 
     soils: tuple[Soil, ...]
@@ -277,7 +342,7 @@ class ParameterVector:
     soil_table: tuple[tuple[str, ...], Array, Index] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Put down what is known of the free parameters, those of the soils and then of each effect."""
+        """Derive names, starting values, bounds and priors of all free parameters."""
         free = (*self.of_soils, *(p for part in self.parts for p in part.parameters))
         limits = np.array([(p.prior.low, p.prior.high) for p in free]).reshape(-1, 2)
         known = {soil.name: soil_numbers(soil) for soil in self.soils}
@@ -305,14 +370,14 @@ class ParameterVector:
         return np.array(mine, dtype=np.intp)
 
     def begun_at(self, other: ParameterVector, theta: Array) -> Array:
-        """Return the starting values, but those of another vector for parameters of the same name.
+        """Return starting values, taken from another vector for parameters of the same name.
 
         Parameters
         ----------
         other
-            The other vector.
+            Vector of a fit that is known.
         theta
-            Its parameters, shape (parameters of other,).
+            Values of its parameters, shape (parameters of other,).
 
         Returns
         -------
@@ -328,7 +393,10 @@ class ParameterVector:
         return np.where(theta + h > self.bounds[1], -h, h)
 
     def precision(self, theta: Array) -> Array:
-        """Precision of the Gaussian that touches the prior at theta, (parameters, parameters)."""
+        """Precision of the Gaussian that touches the prior at theta and lies below it elsewhere.
+
+        Shape (parameters, parameters).
+        """
         base = self.base_size
         full = np.zeros((theta.size, theta.size))
         full[:base, :base] = self.soil_precision
@@ -354,19 +422,20 @@ class ParameterVector:
         return Model(soils, self.geometry, self.effects(theta), self.thrust_form)
 
     def soil_columns(self, thetas: Array, codes: Index) -> dict[str, Array]:
-        """`SOIL_NUMBERS` of rows that are repeated for each parameter vector.
+        """Return each row's numbers of its soil, for rows that are repeated once for each parameter vector.
 
         Parameters
         ----------
         thetas
-            Shape (copies, parameters).
+            Values of the parameters, shape (copies, parameters).
         codes
-            Index of each row's soil, shape (rows,).
+            Index of each row's soil in `soils`, shape (rows,).
 
         Returns
         -------
         dict of ndarray
-            Shape (copies * rows,), SI units.
+            By the names of `SOIL_NUMBERS`, SI units, shape (copies * rows,): all rows of the first copy,
+            then of the next.
         """
         names, held, places = self.soil_table
         known = np.repeat(held[:, None], len(thetas), axis=1)
@@ -375,7 +444,11 @@ class ParameterVector:
         return {n: v[:, codes].reshape(-1) for n, v in found.items()}
 
     def effects(self, numbers: Array) -> list[Effect]:
-        """The effects for given values of all parameters, shape (parameters,) or (parameters, rows)."""
+        """Return the effects of the model, for values of all parameters.
+
+        `numbers` has the shape (parameters,), or (parameters, rows) for effects with a value for each row.
+        A fitted effect stands in the place of the fixed one that it replaces, others after those.
+        """
         found, j = list(self.fixed), self.base_size
         for part in self.parts:
             effect = part.build({p.field: numbers[j + i] for i, p in enumerate(part.parameters)})

@@ -41,7 +41,7 @@ _OF_VALUES = ("value", "row", "channel", "run", "setting", "swept", "path", "dec
 
 
 class FittingError(SmallwheelError):
-    """Measurements that a model cannot be fitted to, or a fit that makes no sense."""
+    """A model cannot be fitted to the measurements, or the fit would make no sense."""
 
 
 @dataclass(frozen=True)
@@ -50,23 +50,32 @@ class Points:
 
     Attributes
     ----------
+    measurements
+        The table that the points were reduced from.
     conditions
         Settings of the points, shape (points,).
+    channels
+        Names of the measured channels.
+    runs
+        Names of all runs of the table.
     value
-        Mean of the rows, SI.
+        Mean of the rows, m, N or N m by channel.
     row
         Index of the value's point, a row of `conditions`.
-    channel, run, setting
-        Indices of channel and run, and code of the setting; values with one code were measured under the
-        same conditions.
+    channel, run
+        Indices in `channels` and `runs`.
+    setting
+        Code of the setting; values with one code were measured under the same conditions.
     swept
         Whether the value is part of a run in which a setting was changed.
-    rows
-        For each value, the rows of `measurements` that it is the mean of.
-    declared
-        Standard deviation of a row as the table states it; NaN if it does not.
     path
-        Order along a swept run.
+        Position along a swept run, from 0 to 1; else 0.
+    declared
+        Standard deviation of a row as the table states it, unit of the value; NaN if it does not.
+    rows
+        For each value, numbers of the rows of `measurements` that it is the mean of.
+    notes
+        Sentences on rows that are not used, and why.
     """
 
     measurements: Measurements
@@ -89,62 +98,62 @@ class Points:
 
     @cached_property
     def count(self) -> Array:
-        """How many rows each value is the mean of."""
+        """Number of rows that each value is the mean of, shape (values,)."""
         return np.array([r.size for r in self.rows], dtype=float)
 
     @property
     def forces(self) -> tuple[str, ...]:
-        """The channels that depend on the soil's strength."""
+        """The channels that depend on the soil's strength: drawbar pull and torque, where measured."""
         return tuple(name for name in self.channels if name in FORCES)
 
     @property
     def share_errors(self) -> bool:
-        """Whether many values share errors that weights must not rely on: pull, torque, or a curve."""
+        """Whether many values share an error (that of pull, torque or a curve), which no fit may absorb."""
         return bool(self.forces) or bool(self.swept.any())
 
     @property
     def run_count(self) -> int:
-        """How many runs have values."""
+        """Number of runs that have values."""
         return int(np.unique(self.run).size)
 
     def of_channel(self, name: str) -> Mask:
-        """Mask of the values of that channel."""
+        """Mask of the values of a channel, shape (values,)."""
         return np.asarray(self.channel == self.channels.index(name))
 
     def only(self, channels: Sequence[str]) -> Points:
-        """The values of these channels alone."""
+        """The values of these channels alone, which need not all have been measured."""
         code = np.array([channels.index(c) if c in channels else -1 for c in self.channels])
         kept = self.take(code[self.channel] >= 0)
         return replace(kept, channels=tuple(channels), channel=code[kept.channel])
 
     def take(self, keep: Mask) -> Points:
-        """The values of that mask, on the same points."""
+        """The values where a mask of shape (values,) is true; the points' conditions stay as they are."""
         kept = {name: getattr(self, name)[keep] for name in _OF_VALUES}
         return replace(self, **kept, rows=tuple(self.rows[i] for i in np.flatnonzero(keep)))
 
     def of_runs(self, others: Points) -> Mask:
-        """Mask of the values whose runs are also in `others`."""
+        """Mask of the values whose runs are also in `others`, shape (values,)."""
         return np.isin(self.run, np.unique(others.run))
 
     def column(self, name: str) -> Array:
-        """A setting at each value, shape (values,)."""
+        """A setting at each value, SI, shape (values,)."""
         return np.asarray(self.conditions[name][self.row])
 
     @cached_property
     def settings(self) -> dict[str, Array]:
-        """Everything that was set, by name, and the time or order of measurement, at each value."""
+        """Settings, and the time or order of measurement, by name, SI, shape (values,) each."""
         names = (*setting_columns(self.measurements), *([self.order] if self.order else []))
         return {name: self.column(name) for name in names}
 
     @cached_property
     def varied(self) -> dict[str, Array]:
-        """The settings that were varied, by name, at each value."""
+        """Settings that were varied, and the order of measurement, by name, SI, shape (values,) each."""
         found = self.settings.items()
         return {name: column for name, column in found if name == self.order or varies(column)}
 
     @cached_property
     def order(self) -> str:
-        """The column that shows best when each run was made; empty if none does for enough runs."""
+        """Name of the column that shows best when each run was made; empty if values are too few."""
         columns = {name: self.column(name) for name in order_columns(self.measurements)}
         found = {n: np.unique(c).size for n, c in columns.items() if np.isfinite(c).all()}
         best = max(found, key=lambda name: found[name], default="")
@@ -152,14 +161,23 @@ class Points:
 
 
 def points_of(measurements: Measurements, outliers: Index | None = None) -> Points:
-    """Reduce measurements to points: means over rows of one run and setting.
+    """Reduce measurements to points: means over the rows of one run and setting.
+
+    In swept runs load and sinkage are geometric means, weighted by squared depth where the body does not
+    roll.
 
     Parameters
     ----------
     measurements
-        The table.
+        The table of measurements.
     outliers
-        Numbers of the rows that are left out, shape (outliers,).
+        Numbers of the rows to leave out, shape (outliers,); none if not given.
+
+    Returns
+    -------
+    Points
+        One value for each point and channel, with notes on rows that no model can predict. Of more runs
+        than `MOST_POINTS` has room for, a random sample, the same each time.
 
     Raises
     ------
@@ -223,7 +241,10 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
 
 
 def runs_of(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
-    """Names of the runs, and each row's run; a long record without runs is cut into stretches."""
+    """Return the names of the runs, and the index of each row's run, shape (rows,).
+
+    A long record in which no runs are given is cut into stretches of consecutive rows of each wheel.
+    """
     names, run = runs_of_rows(measurements)
     if measurements.runs_given or len(names) <= MOST_POINTS:
         return names, run
@@ -235,10 +256,10 @@ def runs_of(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
 
 
 def filled(conditions: Conditions) -> Conditions:
-    """Replace NaN covariates, which bodies that do not roll have, by the median.
+    """Replace NaN in covariates by the median of the column, and NaN widths by 0.
 
-    Effects of rolling are not applied to such rows; an effect of the soil (its moisture, say) then
-    acts as on a middling rolling row.
+    Bodies that do not roll lack them. Effects of rolling are not applied to such rows; an effect of the
+    soil (its moisture, say) then acts as on a rolling row with the median value.
     """
     covariates = {}
     for name, column in conditions.covariates.items():
@@ -251,7 +272,7 @@ def filled(conditions: Conditions) -> Conditions:
 def _usable(
     measurements: Measurements, conditions: Conditions
 ) -> tuple[dict[str, Mask], list[str]]:
-    """By channel, the rows that a model can be held against, and why others cannot."""
+    """Mask of the rows that a model can be compared with, by channel, and notes on why others cannot."""
     notes: list[str] = []
     deep = measurements.sunk_to_axle
     if deep.any():
@@ -285,7 +306,17 @@ def _usable(
 
 
 class _Group(NamedTuple):
-    """Rows of one point. swept: part of a run in which a setting was changed; path: place along it."""
+    """Rows of one point.
+
+    Attributes
+    ----------
+    rows
+        Numbers of the table's rows.
+    swept
+        Whether they are part of a run in which a setting was changed.
+    path
+        Position along that run, 0 to 1.
+    """
 
     rows: Index
     swept: bool
@@ -293,7 +324,10 @@ class _Group(NamedTuple):
 
 
 def _groups_of(measurements: Measurements, run: Index, usable: Mask) -> list[_Group]:
-    """The rows of each point; of more runs than `MOST_POINTS` has room for, those of a sample."""
+    """The rows of each point; of more runs than `MOST_POINTS` has room for, those of a random sample.
+
+    `run` is the index of each row's run, `usable` the mask of the rows to use, shape (rows,) each.
+    """
     setting = settings_of_rows(measurements)
     used = np.flatnonzero(usable)
     used = used[np.argsort(run[used], kind="stable")]
@@ -316,7 +350,8 @@ def _groups_of(measurements: Measurements, run: Index, usable: Mask) -> list[_Gr
 def _is_swept(conditions: Conditions, rows: Index) -> bool:
     """Whether a setting was changed within the run, by more than it wavers.
 
-    Of the middle four fifths of its rows, so that it does not depend on how many there are.
+    Load, slip and slip angle are judged between their 10 and 90 % quantiles, so that the number of rows
+    does not matter.
     """
     low, high = np.quantile(conditions.load[rows], [0.1, 0.9])
     if high > 1.5 * low:
@@ -332,7 +367,11 @@ def _is_swept(conditions: Conditions, rows: Index) -> bool:
 
 
 def _along(measurements: Measurements, rows: Index, setting: Index, bins: int) -> list[Index]:
-    """The rows of a swept run by setting where those are few, else in bins along its path."""
+    """Split a swept run: by setting where there are at most `bins` settings, else into bins along its path.
+
+    The path of a plate is its depth, that of a wheel the order of its rows; bins in which a setting still
+    changes are left out.
+    """
     codes = np.unique(setting[rows], return_inverse=True)[1].reshape(-1)
     if codes.max() < bins:
         parts = [rows[codes == c] for c in range(int(codes.max()) + 1)]
@@ -349,7 +388,7 @@ def _along(measurements: Measurements, rows: Index, setting: Index, bins: int) -
 
 
 def _declared(measurements: Measurements, channel: str, rows: Index) -> float:
-    """Stated deviation of one of these rows, NaN where the table does not state it for each."""
+    """Root mean square of the deviations stated for these rows; NaN unless the table states one for each."""
     stated = measurements.declared_std.get(channel)
     if stated is None or not np.isfinite(stated[rows]).all():
         return float("nan")
@@ -357,11 +396,11 @@ def _declared(measurements: Measurements, channel: str, rows: Index) -> float:
 
 
 def _along_curve(values: Array, depth: Array) -> float:
-    """Geometric mean, since between points of a curve pressure is a power of depth.
+    """Geometric mean along a curve, since between its points pressure is a power of depth.
 
-    Each row has the weight of its ln depth: the error of a zero is of one size at all depths, of ln depth it
-    is that over the depth. So rows at touch-down have little weight, and whichever weights there are, load
-    and depth of the mean lie on the same power as those of the rows.
+    The weight of a row is its squared depth: the error of a zero is of one size at all depths, so that of
+    ln depth is inversely proportional to the depth. Rows at touch-down thus have little weight. Whatever
+    the weights are, the means of load and depth lie on the same power law as the rows do.
     """
     if not np.all(values > 0):
         return float(np.mean(values))

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The uncertainty of fitted parameters.
 
-A fit that weighs values by G converges where G' (y - f) = P (theta - c). If the errors of the
+Notation as in `fit`: y measured values, f their predictions, J = df/dtheta, c and P centre and precision of
+the prior. A fit that weighs values by G converges where G' (y - f) = P (theta - c). If the errors of the
 values have the covariance V, that of theta is (the sandwich of Huber 1967, with a prior)
 
     C = H^-1 (G' V G + P) H^-T,     H = G' J + P
@@ -25,21 +26,24 @@ _NO_LESS = 1.05  # of a deviation: as well known, for any use
 
 
 def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -> Array:
-    """Sandwich covariance of the parameters (C in the module's docstring).
+    """Compute the sandwich covariance of the parameters (C in the module's docstring; Huber 1967).
 
     Parameters
     ----------
-    slopes, weights
-        J and G, shape (values, parameters).
+    slopes
+        J, derivatives of the predictions with respect to the parameters, shape (values, parameters).
+    weights
+        G, weight of each value for each parameter, shape (values, parameters).
     variance
-        V, shape (values, values).
+        V, covariance of the values' errors, shape (values, values).
     precision
-        P of the priors, shape (parameters, parameters).
+        P, precision of the prior, shape (parameters, parameters).
 
     Returns
     -------
     ndarray
-        Shape (parameters, parameters); no deviation is larger than the prior's.
+        Shape (parameters, parameters). Where a standard deviation would exceed P_jj^(-1/2) it is reduced to
+        that, with the correlations kept: data never make a parameter less certain.
     """
     h = weights.T @ slopes + precision
     size = np.sqrt(np.diag(h))
@@ -53,27 +57,28 @@ def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -
 def over_scatter(
     fitter: Fitter, fit: Fit, scatter: Scatter, of: Callable[[Scatter], Array]
 ) -> Array:
-    """Average a function of the scatter over the uncertainty of its deviations phi.
+    """Average a function of the variance components over the uncertainty of their standard deviations phi.
 
-    ln phi ~ N(estimate, S). The mean is taken by second differences at the columns of sqrt(3) times a root of
-    S (the unscented rule of Julier and Uhlmann 1997, kappa = 3 - q, exact to the third order). A component
-    on which the function does not depend changes nothing.
+    ln phi ~ N(estimate, S), with S from `Fitter.scatter_covariance`. The mean is taken by second
+    differences at the columns of sqrt(3) times a root of S (the unscented rule of Julier and Uhlmann 1997
+    with kappa = 3 - q for q components, exact to the third order). A component on which the function does
+    not depend changes nothing.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        The fit.
+        A converged fit by `fitter`.
     scatter
-        Variance components: `Fitter.true_scatter`.
+        Estimated variance components: `Fitter.true_scatter`.
     of
-        The function.
+        Function of the variance components that returns an array, always of the same shape.
 
     Returns
     -------
     ndarray
-        Mean of the function, in its own shape.
+        Mean of the function, in its shape and unit.
     """
     total = middle = of(scatter)
     for column in _NODE * np.linalg.cholesky(fitter.scatter_covariance(fit, scatter)).T:
@@ -86,23 +91,24 @@ def over_scatter(
 
 
 def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
-    """Covariance of theta, including the uncertainty of the variance components.
+    """Compute the covariance of the parameters, including the uncertainty of the variance components.
 
-    With few runs the scatter is poorly known, which makes the standard deviations larger.
+    With few runs the variance components are poorly known, which makes the standard deviations larger.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        The fit.
+        A converged fit by `fitter`.
     scatter
-        Variance components: `Fitter.true_scatter`.
+        Estimated variance components: `Fitter.true_scatter`.
 
     Returns
     -------
     ndarray
-        Shape (parameters, parameters); rows and columns of parameters at a bound are 0.
+        Shape (parameters, parameters), in the products of their units; rows and columns of parameters at a
+        bound are 0.
     """
     free = np.flatnonzero(~fit.at_bound)
     slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
@@ -120,17 +126,19 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
 
 
 def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
-    """Whether n, which sinkage and resistance leave open, would be determined by pull and torque.
+    """Return whether pull and torque may help to determine n.
 
-    This happens under a single load: n then follows from the shape of pull over slip, which the error of
-    that law can bend.
+    They may if sinkage and resistance alone leave n of every soil undetermined, and including pull and
+    torque makes its standard deviation at most 5 % larger, with the error of their law counted. This is so
+    under a single load, for example. Otherwise that error would bend an n that is known better without
+    them.
 
     Parameters
     ----------
     fitter
-        A fitter that keeps pull and torque apart (`Fitter.apart`).
+        A fitter that fits pull and torque to the strength alone (`Fitter.apart`).
     fit
-        The fit by that fitter.
+        A converged fit by `fitter`.
     """
     exponents = [j for j, p in enumerate(fit.vector.of_soils) if p.field == "n"]
     variance = fitter.true_variance.covariance(fitter.true_scatter(fit), fit.stiffness).matrix

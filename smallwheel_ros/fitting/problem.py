@@ -52,24 +52,26 @@ _GRID = [(p, n) for n in (0.3, 0.5, 0.7, 1.0, 1.4, 1.9) for p in np.arange(7.0, 
 
 @dataclass(frozen=True)
 class Base:
-    """A model to fit.
+    """A model to fit, independent of the data.
 
     Attributes
     ----------
     effects
         Effects that are in the model and not fitted.
+    geometry, thrust_form
+        Rules of the model for load from sinkage, and for thrust.
+    soils
+        Soils to start from; their names are those of the table.
+    priors
+        Priors of soils known beforehand, by name.
     parts
         Effects that are fitted.
-    soils
-        Soils to start from, by name.
-    priors
-        Priors of soils known beforehand.
     fixed_m
-        m of every soil, held (0 is the law of Bernstein and Goriatchkin); None fits it where bodies of
-        several diameters met the soil.
+        Value at which m of every soil is held (0 is the law of Bernstein and Goriatchkin); None fits it
+        where bodies of several diameters were measured in the soil.
     told
-        For an effect that pull and torque determine, by its id: the same effect for fits without these two,
-        with what they show in its prior.
+        By id of an effect in `parts` that pull and torque determine: the part that replaces it in fits of
+        the other channels, with what pull and torque show of it as its prior.
     notes
         Sentences on what the given model has and this one lacks.
     """
@@ -86,7 +88,7 @@ class Base:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Ids of the base's effects."""
+        """Ids of the base's effects, those held first."""
         return (*(e.id for e in self.effects), *(part.id for part in self.parts))
 
     def vector(self, points: Points) -> ParameterVector:
@@ -127,10 +129,10 @@ class Base:
         )  # fmt: skip
 
     def _strength(self, points: Points) -> dict[str, tuple[str, Prior]]:
-        """The numbers of a soil's strength that these channels could depend on.
+        """Unit and prior of each number of a soil's strength that the measured channels could depend on.
 
-        Without drawbar pull and torque that is where an effect reads it (bulldozing); elsewhere it has no
-        influence, and its posterior is its prior.
+        Without drawbar pull and torque a strength acts only through an effect that uses it (bulldozing, on
+        resistance); where no effect does, its posterior is its prior.
         """
         if points.forces:
             own = WHEEL_PARAMETERS if self.thrust_form == "stress_integral" else {}
@@ -152,7 +154,7 @@ def one_diameter(points: Points, soil: str) -> bool:
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     soil
         Name of the soil.
     """
@@ -167,19 +169,19 @@ def one_diameter(points: Points, soil: str) -> bool:
 
 
 def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
-    """Make the base for a fit that starts from a model file.
+    """Make the base for a fit that starts from a known model.
 
-    Soils and effects are refitted within the file's covariance, unless it has none or was made from
-    this data.
+    Its soils and effects are refitted within its covariance, unless it has none or was fitted to this very
+    data: then soils start from it and have the usual prior.
 
     Parameters
     ----------
     known
-        The model file.
+        The model with its covariance, as from a model file.
     measurements
         The table to fit.
     free
-        Whether effects' numbers are fitted for which the file states no standard deviation; else they stay
+        Whether effects' numbers are fitted for which the model states no standard deviation; else they stay
         as they are.
     """
     model = known.model
@@ -194,7 +196,7 @@ def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = 
 
 
 def _of_rivals(known: CalibratedModel) -> tuple[str, ...]:
-    """That a fit begins with the base of a model's rivals: several models are not fitted as one."""
+    """Note that of a model of several rivals only their common base is fitted; empty if it has none."""
     if not known.rivals:
         return ()
     return (
@@ -204,19 +206,22 @@ def _of_rivals(known: CalibratedModel) -> tuple[str, ...]:
 
 
 def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str, ParameterPrior]:
-    """Priors of the soils of these rows, from a model file.
+    """Return the priors that a known model gives to the soils of a table.
+
+    Each covariance is widened, since a soil is never met again exactly as it was.
 
     Parameters
     ----------
     known
-        The model file.
+        The model with its covariance, as from a model file.
     measurements
         The table to fit.
 
     Returns
     -------
     dict
-        Prior of each soil; empty where the model was fitted to this very data, or states no deviations.
+        Prior of each soil by its name in the table; empty where the model was fitted to this very data, or
+        states no standard deviations.
     """
     if not known.names or _fitted_to(known, measurements):
         return {}
@@ -252,9 +257,10 @@ def _fitted_to(known: CalibratedModel, measurements: Measurements) -> bool:
 def _part(
     effect: Effect, known: CalibratedModel, measurements: Measurements, unknown_free: bool
 ) -> EffectPart:
-    """An effect whose numbers are within the deviations that the file states.
+    """Make a part of a fit from an effect, with the standard deviations that the model states as priors.
 
-    A number without one stays where it is, as near as a fit can hold it, or is free.
+    A number without one stays where it is, as near as a fit can hold it, or is free if `unknown_free`. All
+    are free where the model was fitted to this very data.
     """
     priors, values = {}, dict(effect.values())
     for p in effect.parameters():
@@ -272,19 +278,21 @@ def _part(
 def opening(points: Points, vector: ParameterVector) -> Array:
     """Find a starting point for a fit: for each soil the best of a coarse grid in ln p_ref and n.
 
-    Newton's steps in metres stray from a start that is a decade off.
+    Gauss-Newton steps would not converge from a start that is wrong by a factor of ten. The best point has
+    the smallest mean error of ln sinkage, or else of ln resistance.
 
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     vector
-        The free parameters.
+        Names, priors and bounds of the free parameters.
 
     Returns
     -------
     ndarray
-        Theta, shape (parameters,).
+        Values of the parameters, shape (parameters,); the vector's start where there is neither sinkage nor
+        resistance.
     """
     theta = vector.start.copy()
     channel = next((n for n in points.channels if n not in FORCES), None)
@@ -310,7 +318,7 @@ def opening(points: Points, vector: ParameterVector) -> Array:
 
 
 def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
-    """Repeat a fit until no parameter moves by more than 0.003 of its standard deviation.
+    """Repeat a fit until no parameter moves by more than 0.003 of its standard deviation, at most six times.
 
     Parameters
     ----------
@@ -318,6 +326,11 @@ def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
         The fit to continue from.
     again
         Function that continues a fit.
+
+    Returns
+    -------
+    Fit
+        The last fit.
     """
     for _ in range(_MOST_FITS):
         last, fit = fit, again(fit)
@@ -333,13 +346,17 @@ class Problem:
 
     Attributes
     ----------
+    points
+        Measured values, reduced from the table.
+    base
+        The model to fit, with its priors.
     outliers
-        Numbers of the rows that were left out.
+        Numbers of the table's rows that were left out.
     judging
-        Whether values are weighted as evidence, with the errors that many of them share, rather than as
-        in a fit (`Fitter.working`).
+        Whether values are weighted by the full covariance of their errors, to compare models; otherwise the
+        errors that many values share are left out of the weights of a fit (`Fitter.working`).
     folds
-        Results of `fold`, by the runs of a fold.
+        Results of `fold` that were computed before, by the runs of the training points.
     """
 
     points: Points
@@ -357,7 +374,7 @@ class Problem:
         Parameters
         ----------
         measurements
-            The table.
+            The table of measurements.
         base
             The model to fit; the law without effects if not given.
 
@@ -370,7 +387,7 @@ class Problem:
         return problem.without(outlier_rows(problem.points))
 
     def without(self, rows: NDArray[np.intp]) -> Problem:
-        """Return the same problem with more rows left out."""
+        """Return the same problem with more rows left out; `rows` are numbers of the table's rows."""
         if not rows.size:
             return self
         outliers = np.union1d(self.outliers, rows)
@@ -379,14 +396,15 @@ class Problem:
         return replace(self, points=points, outliers=outliers)
 
     def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
-        """Return the same problem with one more effect in the base model.
+        """Return the same problem with one more fitted effect in the base model.
 
         Parameters
         ----------
         part
-            The effect, as it is fitted.
+            The effect in fits of all channels.
         told
-            The same effect for fits without pull and torque; see `Base.told`.
+            The same effect in fits without pull and torque, with a prior from what these show
+            (`Base.told`).
         """
         parts, known = (*self.base.parts, part), {**self.base.told, part.id: told}
         return replace(self, base=replace(self.base, parts=parts, told=known))
@@ -427,7 +445,10 @@ class Problem:
         return settled(fitter.fit(fitter.at(self.vector, theta), turns=1), fitter.fit)
 
     def fold(self, training: Points) -> tuple[Fitter, Fit]:
-        """A fitter of a fold's training points, and the base fitted to them from its fit to all points."""
+        """Fit the base to the training points of a fold, starting from its fit to all points.
+
+        Returns a fitter of these points, and the fit. Results are kept in `folds`.
+        """
         key = np.unique(training.run).tobytes()
         if key not in self.folds:
             fitter = self.fitter.of_values(self.points.of_runs(training))
@@ -438,7 +459,10 @@ class Problem:
         return self.folds[key]
 
     def held_out(self, done: Callable[[], object] = lambda: None) -> CvErrors | None:
-        """Held-out errors of the base model, None with one run only; `done` runs after each fold's fit."""
+        """Compute held-out errors of the base model; None with one run only.
+
+        `done` is called after the fit of each fold.
+        """
         if self.points.run_count < 2:
             return None
 
@@ -463,21 +487,26 @@ class Problem:
 
     @cached_property
     def judged(self) -> Problem:
-        """The problem by which effects are judged: `deciding`, with values weighted as evidence."""
+        """The problem in which effects are compared: `deciding`, with `judging` where errors are shared."""
         found = self.deciding
         if found.judging or not found.points.share_errors:
             return found
         return replace(found, judging=True)
 
     def refitted(self, fit: Fit, training: Points | None = None) -> Fit:
-        """Refit a model that was selected on `judged` to all channels of this problem, with its weights.
+        """Refit a model that was selected on `judged` to all channels of this problem.
 
         Parameters
         ----------
         fit
-            Fit of that model on `judged`; returned as it is where this problem is its own `judged`.
+            Fit of that model on `judged`; returned unchanged where this problem is its own `judged`.
         training
             Training points of a fold, to be fitted alone; all points if not given.
+
+        Returns
+        -------
+        Fit
+            With the weights of this problem; not refitted if the model is the base.
         """
         if self.judged is self:
             return fit
@@ -493,7 +522,7 @@ class Problem:
         return fitter.fit(fitter.at(vector, theta, base.scatter))
 
     def result(self, fit: Fit | None = None) -> FitResult:
-        """The judged model, or the base if None, fitted to all channels; for people and files."""
+        """Return the result of a model that was selected on `judged`, refitted; of the base if None."""
         fit = self.fit if fit is None else self.refitted(fit)
         found = result_of(self.fitter, fit, self.outliers)
         return replace(found, notes=(*self.base.notes, *found.notes))

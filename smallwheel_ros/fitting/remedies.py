@@ -40,11 +40,17 @@ def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
     Parameters
     ----------
     number
-        `n`, `m` or a parameter of the strength.
+        Name of the parameter as in a fit: `n`, `m`, `log_reference_pressure`, or one of the soil's strength
+        such as `friction_angle`.
     points
-        The measured values.
+        Measured values, each a mean over rows of one run and setting.
     scatter
         Their variance components.
+
+    Returns
+    -------
+    str
+        A clause in the imperative, without a full stop, such as `measure sinkage at a few loads`.
     """
     if number == "n":
         return _for_n(points, scatter)

@@ -64,21 +64,30 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         The model without its uncertainty, which `model` has.
     measurements
         The data of the fit.
+    parameters
+        The parameters, each with its standard deviation and status.
     names, covariance
-        Names and covariance of the parameters that the data influences, shape (parameters,) and
-        (parameters, parameters), as the fit uses them: ln p_ref in place of k.
+        Names of the parameters that the data influences, as `dry_sand.n`, and their covariance, shape
+        (parameters, parameters), as the fit uses them: `log_reference_pressure` in place of k. Parameters
+        that are held are in neither.
     noise
         Repeatability of one row, by channel.
     run_scatter
-        Deviations from run to run: of the soil's `ln k`, and of each channel, relative.
+        Standard deviations from run to run: of the soil's `ln k`, and of each channel, relative to its
+        values.
     errors
         Measured minus predicted in sample, by channel, shape (rows,).
     outliers
-        Rows that were left out.
+        Numbers of the rows that were left out.
     evidence
         ln of the probability of the data under the model.
+    notes
+        Sentences on what to know besides the numbers, such as what is not determined.
     held_out
-        RMSE on runs left out of the fit, by channel, m or N; empty if it was not computed.
+        Root mean square error on runs left out of the fit, by channel, m, N or N m; empty if it was not
+        computed.
+    measured
+        Ranges and scatter of the data, which predictions need.
     """
 
     bare: Model
@@ -124,7 +133,7 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         return self.model + effect
 
     def headline(self) -> str:
-        """The number of parameters, and the error on runs that were left out."""
+        """One line: rows kept, the model, how many parameters are determined, and the held-out error."""
         known = sum(p.status == "determined" for p in self.parameters)
         errors = ", ".join(f"{words(n)} {shown_value(n, v)}" for n, v in self.held_out.items())
         said = f"; held-out error: {errors}" if errors else ""
@@ -166,14 +175,19 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         }
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
-        """Draw measured over predicted, in sample.
+        """Draw measured over predicted values, in sample.
 
         Parameters
         ----------
         ax
-            Where to draw; new axes if not given.
+            Axes to draw on; new ones if not given.
         channel
-            The first one if not given.
+            Channel to draw; the first one if not given.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes drawn on.
         """
         return self._drawn(ax, channel)
 
@@ -193,11 +207,11 @@ class FitResult(WithParameters, Result, shown="views.fit"):
 
     @property
     def not_determined(self) -> tuple[FittedParameter, ...]:
-        """The parameters that this data does not determine; `remedy` says what would."""
+        """The parameters that this data does not determine, without those at a bound; see `remedy`."""
         return tuple(p for p in self.parameters if p.status in ("not determined", "held"))
 
     def predict(self, conditions: Conditions) -> Prediction:
-        """Predict other conditions with the fitted model."""
+        """Predict other conditions with the fitted model, without standard deviations."""
         return predict(self.bare, conditions)
 
 
@@ -211,14 +225,14 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        The fit.
+        A converged fit by `fitter`.
 
     Returns
     -------
     dict
-        Error of each channel, m, N or N m.
+        Root mean square error by channel, m, N or N m.
     """
     deviations, found = fit.scatter.deviations, {}
     for name in fitter.points.channels:
@@ -236,28 +250,28 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
 
 
 def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
-    """Components of the scatter that are larger than soils and rigs usually have.
+    """Return the variance components that are larger than soils and rigs usually have.
 
     That is, over `HIDE` prior deviations above the median: 95 % of tables have less.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     scatter
-        Variance components: `Fitter.true_scatter`.
+        Estimated variance components: `Fitter.true_scatter`.
 
     Returns
     -------
     dict
-        Standard deviation by component.
+        Standard deviation by name of the component, relative (see `Scatter`); empty if none is unusual.
     """
     far = scatter.log_deviation > fitter.true_variance.log_median + HIDE * SPREAD
     return {n: v for (n, v), is_far in zip(scatter.deviations.items(), far, strict=True) if is_far}
 
 
 def runs_differ(scatter: Mapping[str, float]) -> str:
-    """Say that runs differ more than those of one soil do, and what to do; empty if they do not.
+    """Return a clause that runs differ more than those of one soil, and what to do; empty if they do not.
 
     Parameters
     ----------
@@ -274,16 +288,21 @@ def runs_differ(scatter: Mapping[str, float]) -> str:
 
 @one_thread
 def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult:
-    """Make the result of a fit, for people and for model files.
+    """Make the result of a fit, for users and for model files.
 
     Parameters
     ----------
     fitter
-        Fitter of the points.
+        Holds the measured points and their noise.
     fit
-        The fit.
+        A converged fit by `fitter`.
     outliers
-        Numbers of the rows that were left out.
+        Numbers of the table's rows that were left out.
+
+    Returns
+    -------
+    FitResult
+        Without held-out errors.
     """
     points, model = fitter.points, fit.model
     scatter = fitter.true_scatter(fit)
@@ -348,13 +367,13 @@ def _parameter(
 
 
 def rows_kept(found: FitResult) -> str:
-    """The number of rows in a fit, and of those far off and left out, as the beginning of a line."""
+    """Return "N of M rows kept; " for a fit that left rows out as outliers, else an empty text."""
     count, there = found.outliers.size, len(found.measurements)
     return f"{there - count} of {there} rows kept; " if count else ""
 
 
 def strays(found: FitResult) -> list[str]:
-    """Say which rows a fit left out and why; empty if none."""
+    """Return one sentence on which rows a fit left out and why; empty list if none."""
     if not found.outliers.size:
         return []
     data = found.measurements
@@ -368,7 +387,7 @@ def strays(found: FitResult) -> list[str]:
 
 
 def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> list[str]:
-    """What to know of a fit besides its numbers. scatter: the components that are `unusual`."""
+    """Return what to know of a fit besides its numbers; `scatter` has the components that are `unusual`."""
     notes = [*strays(found), *points.notes]
     said = {
         "held": "{0} is held at {1:g}: only k D^m is determined with one wheel diameter; {2}",
@@ -400,21 +419,23 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
 
 
 def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, bool]:
-    """Say how far off a model's pull or torque is, and whether that is more than usual for such a law.
+    """Describe how wrong a model's pull or torque is, and whether that is more than usual for its law.
 
     Parameters
     ----------
     error
         Measured minus predicted, shape (rows,), N or N m; NaN where not measured.
     conditions
-        Conditions of the rows.
+        Conditions of the rows, with slip.
     channel
-        The channel.
+        The channel, `drawbar_pull` or `torque`.
 
     Returns
     -------
     text, is_far : str, bool
-        The errors in words, as shares of the load; whether they are larger than usual.
+        A clause with the rms error as a share of the load (of torque, load times radius), and advice where
+        it is larger than usual; whether it is over twice what is usual. Slips over 0.95 are reported but
+        not judged.
     """
     share, known = error / of_load(conditions, channel), np.isfinite(error)
     beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)

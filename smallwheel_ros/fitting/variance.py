@@ -60,7 +60,25 @@ _LENGTHS = np.log([0.1, 0.25, 0.6])  # correlation length along a curve, of its 
 
 
 class Covariance:
-    """A covariance S = L L', shape (values, values). Raises LinAlgError if it is not positive definite."""
+    """Covariance matrix S = L L' of values, with L its Cholesky factor.
+
+    Parameters
+    ----------
+    matrix
+        S, shape (values, values).
+
+    Attributes
+    ----------
+    root
+        L, lower triangular, shape (values, values).
+    log_root
+        ln |L|, which is half of ln |S|.
+
+    Raises
+    ------
+    LinAlgError
+        If S is not positive definite.
+    """
 
     def __init__(self, matrix: Array) -> None:
         self.matrix = matrix
@@ -68,26 +86,34 @@ class Covariance:
         self.log_root = float(np.log(np.diag(self.root)).sum())
 
     def of(self, kept: NDArray[np.bool_]) -> Covariance:
-        """The covariance of some of the values; itself where all are kept."""
+        """Return the covariance of the values where a mask of shape (values,) is true."""
         return self if kept.all() else Covariance(self.matrix[np.ix_(kept, kept)])
 
     def whiten(self, columns: Array) -> Array:
-        """L^-1 columns: their scalar products are those under S^-1, shape as given, (values, ...)."""
+        """Return L^-1 columns, shape as given, (values, ...).
+
+        Scalar products of the result are those under S^-1: (L^-1 a)' (L^-1 b) = a' S^-1 b.
+        """
         return np.asarray(solve_triangular(self.root, columns, lower=True, check_finite=False))
 
     def solve(self, columns: Array) -> Array:
-        """S^-1 columns, shape as given."""
+        """Return S^-1 columns, shape as given, (values,) or (values, columns)."""
         return np.asarray(cho_solve((self.root, True), columns, check_finite=False))
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """The variance components, as ln of their standard deviations.
+    """The variance components of measurements, as ln of their standard deviations.
 
     Attributes
     ----------
-    names, log_deviation
-        Names of the components, and ln of their standard deviations, shape (components,).
+    names
+        Names of the components as in the module's docstring: `tau`, `along`, and by channel `own:CHANNEL`,
+        `zero:CHANNEL`, `fit:CHANNEL`, `declared:CHANNEL`, and `law:CHANNEL` and `wheel:CHANNEL` for pull
+        and torque.
+    log_deviation
+        ln of their standard deviations, shape (components,). These are relative: `tau` to k, most others to
+        the size of a value; `declared:`, `law:` and `wheel:` are factors on given deviations.
     log_length
         ln of the correlation length along a curve, as a share of the curve.
     """
@@ -97,44 +123,51 @@ class Scatter:
     log_length: float
 
     def with_those_of(self, other: Scatter) -> Scatter:
-        """The scatter, with the deviations of another one for the components that both have."""
+        """Return these components with the deviations of another scatter for the components that both have.
+
+        The correlation length is that of `other`.
+        """
         known = dict(zip(other.names, other.log_deviation, strict=True))
         values = [known.get(n, v) for n, v in zip(self.names, self.log_deviation, strict=True)]
         return Scatter(self.names, np.array(values), other.log_length)
 
     @property
     def deviations(self) -> dict[str, float]:
-        """Deviation by name."""
+        """Standard deviations by the name of the component."""
         return dict(zip(self.names, np.exp(self.log_deviation).tolist(), strict=True))
 
 
 class VarianceModel:
-    """The variance components of one set of points.
+    """The variance components of one set of points: their covariances, priors and estimation.
 
     Parameters
     ----------
     points
-        The points.
+        Measured values, each a mean over rows of one run and setting.
     level
-        Size of each value, L, shape (values,).
+        L, size of each value (`levels_of`), shape (values,), m, N or N m.
     pure
         Variance of each value due to the repeatability of its rows, shape (values,).
     stated
-        Standard deviation of each value as the table declares it, shape (values,); 0 where it does not.
+        Variance of each value by the deviations that the table declares, shape (values,); 0 where it
+        declares none, or repeats are used.
     working
-        See `Fitter`.
+        Whether to leave out the errors that many values share, for the weights of a fit (`Fitter.working`).
     law_known
-        Whether the errors of the law of pull and torque are the given ones; else two factors on them are
-        fitted ("law:" within a wheel, "wheel:" between wheels).
+        Whether the error of the law of pull and torque has the given size (`FORCE_LAW`, `FORCE_WHEEL`);
+        else two factors on it are fitted for each channel, `law:` within a wheel and `wheel:` between
+        wheels. Has no effect with `working`.
 
     Attributes
     ----------
-    level
-        Size of each value, L, shape (values,).
-    working
-        See `Fitter`.
+    names
+        Names of the components, as in `Scatter`.
+    log_median
+        ln of the medians of their priors, shape (components,).
     start
-        The components at their priors' medians.
+        The components at these medians.
+    swept
+        Whether any value belongs to a swept run.
     """
 
     def __init__(
@@ -187,14 +220,15 @@ class VarianceModel:
             self._given += constants.CURVE_SHAPE**2 * sizes * curve * _depth_law(points, level)
 
     def of_law(self, log_deviation: Array) -> Array:
-        """The part of V that is due to the error of the law of pull and torque, shape (values, values)."""
+        """Part of V due to the fitted components `law:` and `wheel:`, shape (values, values); else 0."""
         mine = [i for i, name in enumerate(self.names) if name.startswith(("law:", "wheel:"))]
         return np.asarray(np.tensordot(np.exp(2.0 * log_deviation[mine]), self._unit[mine], 1))
 
     def suited(self, scatter: Scatter) -> Scatter:
-        """The components of these points, with the deviations that a scatter of other points has for them.
+        """Return the components of these points, with the deviations of `scatter` where it has them.
 
-        A part of a table may repeat no setting, though the whole does, and then has no lack of fit.
+        `scatter` may belong to other points: a part of a table may repeat no setting, though the whole
+        does, and then has no lack of fit. Components that `scatter` lacks are at their prior's median.
         """
         known = dict(zip(scatter.names, scatter.log_deviation, strict=True))
         middle = zip(self.names, self.log_median, strict=True)
@@ -202,19 +236,19 @@ class VarianceModel:
         return Scatter(self.names, values, scatter.log_length)
 
     def kernels(self, stiffness: Array, log_length: float) -> Array:
-        """Covariance of each component at unit deviation.
+        """Compute the covariance of each component at unit standard deviation.
 
         Parameters
         ----------
         stiffness
-            df / d ln k, shape (values,).
+            df / d ln k of each value (`Fit.stiffness`), shape (values,).
         log_length
             ln of the correlation length along a curve, as a share of the curve.
 
         Returns
         -------
         ndarray
-            Shape (components, values, values).
+            Shape (components, values, values), in the products of the values' units.
         """
         found = self._unit.copy()
         found[0] *= np.outer(stiffness, stiffness)
@@ -225,16 +259,22 @@ class VarianceModel:
     def total(
         self, log_deviation: Array, kernels: Array, spread: Array | None = None
     ) -> Covariance:
-        """V, plus U U' where U is given.
+        """Compute V from the components' deviations, plus U U' if U is given.
 
         Parameters
         ----------
         log_deviation
-            ln of each component's deviation, shape (components,).
+            ln of each component's standard deviation, shape (components,).
         kernels
-            As `kernels` returns them.
+            Covariance of each component at unit deviation, as `kernels` returns it.
         spread
-            U, what parameters can take up of the errors, shape (values, columns).
+            U, such that U U' is the covariance that the prior of the parameters gives to the predictions
+            (`Fit.taken_up`), shape (values, columns).
+
+        Raises
+        ------
+        LinAlgError
+            If the sum is not positive definite.
         """
         found = self._given + np.tensordot(np.exp(2.0 * log_deviation), kernels, 1)
         return Covariance(found if spread is None else found + spread @ spread.T)
@@ -242,22 +282,22 @@ class VarianceModel:
     def covariance(
         self, scatter: Scatter, stiffness: Array, spread: Array | None = None
     ) -> Covariance:
-        """Compute V of a scatter; see `total`.
+        """Compute V from variance components, plus U U' if U is given (see `total`).
 
         Parameters
         ----------
         scatter
-            The variance components.
+            Standard deviations of the variance components.
         stiffness
-            df / d ln k, shape (values,).
+            df / d ln k of each value (`Fit.stiffness`), shape (values,).
         spread
-            U, shape (values, columns).
+            U (`Fit.taken_up`), shape (values, columns).
         """
         kernels = self.kernels(stiffness, scatter.log_length)
         return self.total(scatter.log_deviation, kernels, spread)
 
     def log_prior(self, log_deviation: Array) -> float:
-        """Logarithm of the priors' densities, less constants."""
+        """Logarithm of the density of the components' priors at `log_deviation`, up to a constant."""
         away = (log_deviation - self.log_median) / constants.SPREAD
         return -0.5 * float(away @ away)
 
@@ -269,20 +309,30 @@ class VarianceModel:
         start: Scatter,
         held: Collection[str] = (),
     ) -> Scatter:
-        """The variance components that fit the errors best, by restricted likelihood with priors.
+        """Estimate the variance components from the errors of a fit, by restricted likelihood with priors.
+
+        Newton steps with the average information (Gilmour, Thompson and Cullis 1995), from `start`. With
+        swept runs they are repeated for three correlation lengths, and the most likely one is kept.
 
         Parameters
         ----------
         error
-            Shape (values,), m, N or N m by channel.
+            Measured minus predicted at the centres of the parameters' priors (`Fit.away`), shape (values,),
+            m, N or N m by channel.
         spread
-            U, what parameters can take up of the errors, shape (values, columns).
+            U, such that U U' is the covariance that the prior of the parameters gives to the predictions
+            (`Fit.taken_up`), shape (values, columns).
         stiffness
-            df / d ln k, shape (values,).
+            df / d ln k of each value (`Fit.stiffness`), shape (values,).
         start
-            Where to start.
+            Components to start from, of these points (`suited`).
         held
-            Names of components that are not fitted but stay as in `start`.
+            Names of components that stay as in `start`; with `along` its correlation length stays, too.
+
+        Returns
+        -------
+        Scatter
+            The components with the highest restricted likelihood times prior.
         """
         tried, lengths = [], _LENGTHS if self.swept and not self.working else _LENGTHS[1:2]
         if "along" in held:
@@ -333,7 +383,7 @@ class VarianceModel:
     def _information(
         self, s: Covariance, error: Array, ln: Array, kernels: Array
     ) -> tuple[Array, Array]:
-        """Slopes of -1/2 |e|^2_S by ln phi, and the average information on it with its prior's precision."""
+        """Gradient of -1/2 |e|^2_S by ln phi, and average information on it plus the prior's precision."""
         pulled = s.solve(error)
         # Of each component dS / d ln phi S^-1 e, shape (values, components).
         moved = (kernels @ pulled).T * (2.0 * np.exp(2.0 * ln))
@@ -349,20 +399,22 @@ class VarianceModel:
         scatter: Scatter,
         held: Collection[str] = (),
     ) -> Array:
-        """Covariance of the components' ln deviations, by average information and prior.
+        """Covariance of the estimated ln deviations, from the average information and the prior.
 
         Parameters
         ----------
         error
-            Shape (values,), m, N or N m by channel.
+            Measured minus predicted at the centres of the parameters' priors (`Fit.away`), shape (values,),
+            m, N or N m by channel.
         spread
-            U, what parameters can take up of the errors, shape (values, columns).
+            U, such that U U' is the covariance that the prior of the parameters gives to the predictions
+            (`Fit.taken_up`), shape (values, columns).
         stiffness
-            df / d ln k, shape (values,).
+            df / d ln k of each value (`Fit.stiffness`), shape (values,).
         scatter
-            The components.
+            The estimated components.
         held
-            Names of components that are known: their rows and columns are 0.
+            Names of components that count as exactly known: their rows and columns are 0.
 
         Returns
         -------
@@ -378,9 +430,10 @@ class VarianceModel:
 
 
 def _force_law(points: Points) -> dict[str, Array]:
-    """What the law of pull and torque is off by, of the levels: covariances, shape (values,) * 2.
+    """Covariances of the error of the law of pull and torque, relative to the levels.
 
-    By channel, "law:" within a wheel, from slip to slip, and "wheel:", from wheel to wheel.
+    For each channel, `law:CHANNEL` within a wheel, correlated from slip to slip, and `wheel:CHANNEL`,
+    common to all slips of a wheel; shape (values, values) each.
     """
     found = {}
     near = np.exp(-_apart(points.column("slip")) / constants.FORCE_SLIP)
@@ -396,7 +449,11 @@ def _force_law(points: Points) -> dict[str, Array]:
 
 
 def _depth_law(points: Points, level: Array) -> Array:
-    """How alike the errors of a power of depth are: near in depth, and once more of the same body."""
+    """Covariance of the errors of a power law of depth, relative to `shape^2` and the levels.
+
+    Shape (values, values). One part is shared by values near in depth on all bodies, one more by those of
+    the same body.
+    """
     bodies = _codes([points.column("diameter"), points.column("width")])
     size = np.log(np.maximum(level, 1e-12))
     near, same = np.exp(-_apart(size)), _same(bodies)
@@ -404,7 +461,10 @@ def _depth_law(points: Points, level: Array) -> Array:
 
 
 def settings_repeated(points: Points) -> bool:
-    """Whether several runs share a setting; without that, lack of fit and scatter look alike."""
+    """Whether several runs share a setting; otherwise lack of fit and scatter of the runs look alike.
+
+    Always false with swept runs.
+    """
     if points.swept.any():
         return False
     pairs = np.unique(np.column_stack([points.setting, points.run]), axis=0)
@@ -412,7 +472,10 @@ def settings_repeated(points: Points) -> bool:
 
 
 def curves_repeated(points: Points) -> bool:
-    """Whether several curves differ in nothing but what was varied along them."""
+    """Whether at least two swept runs differ only in what was varied along them.
+
+    False where any value does not belong to a swept run.
+    """
     if not points.swept.all():
         return False
     kept = [c for n, c in points.settings.items() if n != points.order
@@ -428,12 +491,12 @@ def curves_repeated(points: Points) -> bool:
 
 
 def _same(codes: Index) -> Array:
-    """1 where two values have the same code, else 0, shape (values,) * 2."""
+    """1 where two values have the same code, else 0, shape (values, values)."""
     return np.asarray(np.equal.outer(codes, codes), dtype=float)
 
 
 def _apart(values: Array) -> Array:
-    """How far two values are from each other, shape (values,) * 2."""
+    """Absolute differences of all pairs of values, shape (values, values)."""
     return np.asarray(np.abs(np.subtract.outer(values, values)))
 
 
