@@ -35,10 +35,10 @@ class ProblemLog:
     Attributes
     ----------
     counts
-        Number of messages with each problem, by (stream, reason). It is the caller's own dictionary, to which
-        others may add.
+        Number of messages with each problem, by (stream, reason). The caller's own counter, not a copy:
+        others may add to it.
     words
-        Explanation of the newest occurrence, by (stream, reason); also the caller's own.
+        Explanation of the newest occurrence, by (stream, reason); not a copy either.
     """
 
     def __init__(self, counts: Counter[tuple[str, str]], words: dict[tuple[str, str], str]) -> None:
@@ -89,8 +89,8 @@ class ProblemLog:
         Parameters
         ----------
         received
-            Name of each stream, and the number of rows it has received; with fewer than 20 rows it is passed
-            over.
+            Name of each stream, and the number of rows it has received; one with fewer than 20 rows is
+            ignored.
         """
         found = []
         for name, rows in received:

@@ -66,7 +66,7 @@ class VehicleEstimates(Columns):
     slip, slip_std
         Median slip of the rolling wheels over half a second, and its standard deviation, 1.
     slip_left, slip_left_std, slip_right, slip_right_std
-        The same of the wheels of either side, 1; of all wheels where that side has none.
+        The same of the left wheels and of the right ones, 1; of all wheels where a side has none.
     margin, margin_std
         Drawbar pull of all wheels over their load at the reference slip, and its standard deviation, 1.
     margin_source

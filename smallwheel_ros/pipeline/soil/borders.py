@@ -107,7 +107,7 @@ class Soils:
     prior
         Prior of the soil.
     settings
-        Settings about sensors and ground.
+        Settings of the estimate that are about sensors and ground.
     effects
         Effects of the model.
     wheels

@@ -116,7 +116,7 @@ class Member:
     kalman
         The filter of filterpy, whose state is x - x0, with x0 the model's prior mean.
     log_prior, log_weight
-        ln of the prior probability, and of the present weight but for a factor common to all filters.
+        ln of the prior probability, and of the present weight up to a factor that all filters share.
     """
 
     def __init__(self, model: LawModel, mean: Array, covariance: Array, log_share: float) -> None:
@@ -197,7 +197,7 @@ class SoilFilter:
     prior
         Prior of the soil.
     settings
-        Settings about sensors and ground.
+        Settings of the estimate that are about sensors and ground.
     effects
         Effects of the model.
     wheels
@@ -557,7 +557,7 @@ class SoilFilter:
         Returns
         -------
         float
-            But for a constant that is the same for all laws.
+            Up to a constant that is the same for all laws.
         """
         x, P = self._with_law(*self.likeliest, law or self._prior_law(False))
         shown = self.model.h(x, rows)

@@ -367,7 +367,7 @@ class Changes(NamedTuple):
     later, earlier
         Indices of the two stretches of each pair, shape (pairs,).
     deviation
-        Standard deviation of the change of ln sinkage in each pair, but for a common factor, shape (pairs,).
+        Standard deviation of the change of ln sinkage in each pair, up to a common factor, shape (pairs,).
     """
 
     log_sinkage: Array
@@ -407,7 +407,7 @@ class StretchChanges:
     length
         Length of a stretch, m; stretches that are four lengths or more apart are not paired.
     window
-        Path of the vehicle up to a wheel's newest stretch whose stretches are kept, m.
+        Length of the vehicle's path, before each wheel's newest stretch, over which stretches are kept, m.
     """
 
     def __init__(self, wheels: tuple[Wheel, ...], length: float, window: float) -> None:
@@ -460,7 +460,7 @@ class RobustFit(NamedTuple):
     scale
         Scale of the errors' Student's t distribution, in the unit of y.
     log_likelihood
-        Of the errors, but for a constant.
+        Log likelihood of the errors, up to a constant.
     """
 
     coefficients: Array

@@ -207,13 +207,13 @@ class Shown(Columns):
     Attributes
     ----------
     value
-        Sinkage, h(x) if with the errors of its sensor, m, (rows,).
+        Sinkage, m, (rows,): h(x) as the sensor shows it, or without its errors.
     H
         Slopes of `value` by the state, (rows, size).
     by_load
         Slope of `value` by ln load, m, (rows,).
     doubt
-        Variance of what ruts and slip change in the sinkage, m^2, (rows,).
+        Variance of the sinkage due to uncertain effects of ruts and slip, m^2, (rows,).
     """
 
     value: Array
@@ -230,7 +230,7 @@ class LawModel:
     prior
         Prior of the soil.
     settings
-        Settings about sensors and ground.
+        Settings of the estimate that are about sensors and ground.
     effects
         Effects of the model.
     wheels
@@ -313,7 +313,7 @@ class LawModel:
         side
             Share of a, the difference of the sides, that is kept, 0 to 1.
         border
-            Variance that u gains since a border was crossed, 1.
+            Variance to be added to that of u just beyond a border, 1; 0 elsewhere.
 
         Returns
         -------

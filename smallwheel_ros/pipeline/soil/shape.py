@@ -68,6 +68,7 @@ def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
     about = miss + by_state @ (state - model.mean)
 
     def whitened(columns: Array) -> Array:
+        """S^-1 times columns of shape (rows, any)."""
         return np.asarray(
             columns / noise[:, None] - by @ np.linalg.solve(information, by.T @ columns)
         )

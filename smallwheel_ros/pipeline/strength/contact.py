@@ -35,9 +35,11 @@ class OnSoil(Columns):
     compaction, other
         Resistance by compaction, and by the effects, N; 0 for a wheel that does not roll.
     covariance
-        Covariance of (sinkage, compaction, other, ln load), due to law, place (ln k) and load, (rows, 4, 4).
+        Covariance of (sinkage, compaction, other, ln load), (rows, 4, 4): due to the law, the scatter of ln k
+        from place to place, and the load.
     own
-        The part of `covariance` that is independent from wheel to wheel, due to place and load, (rows, 4, 4).
+        The part of `covariance` that is independent from wheel to wheel, due to that scatter and the noise
+        of the load, (rows, 4, 4).
     shown
         Sinkage as a sensor would show it, with the effects of instruments, m.
     exponent, diameter
@@ -143,9 +145,9 @@ def on_soil(
     effects
         Effects of the model.
     slip
-        Shape (rows,), 1; None if no effect reads it.
+        Slip, shape (rows,), 1; None if no effect reads it.
     speed
-        Shape (rows,), m/s; None if no effect reads it.
+        Speed, shape (rows,), m/s; None if no effect reads it.
     strength
         Strength of the soil, for effects that read it; None: their factor on the thrust is 1.
     geometry
@@ -154,7 +156,7 @@ def on_soil(
     Returns
     -------
     OnSoil
-        One row for each row. Where an effect reads a rolling wheel's slip or speed, and that is unknown, all
+        One row for each load. Where an effect reads a rolling wheel's slip or speed, and that is unknown, all
         is NaN but the load and its variance.
     """
     rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]

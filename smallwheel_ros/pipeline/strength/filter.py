@@ -96,7 +96,8 @@ class StrengthFilter:
     kalman
         The filter of filterpy, with state x and covariance P.
     cells
-        Number of the cell of ground under each wheel, shape (wheels,).
+        Number of the cell of ground (0.1 m) under each wheel, counted backwards from the first wheel in the
+        direction of travel, shape (wheels,).
     prior_mean, prior_std
         Mean and standard deviations of (c, phi, ln K, rho) before any measurement, shape (4,).
     """
@@ -140,7 +141,8 @@ class StrengthFilter:
         Parameters
         ----------
         distance
-            Distance driven since the last call, m; what is left over of whole cells is carried on.
+            Distance driven since the last call, m. The wheels move by whole cells of 0.1 m; the remainder
+            counts for the next call.
         forward
             Whether the vehicle goes forward; a change of direction resets the grip of all cells.
         slip_std
@@ -182,8 +184,8 @@ class StrengthFilter:
             Present value and standard deviation of the zero ahead, by `rows.level`, shape (2,), m/s^2; None
             if unknown.
         drag
-            Deceleration that wheels which are not listed may cause, m/s^2. It is added to the deviation of
-            the zero, which cannot be told from it; only an increase over earlier calls is.
+            Deceleration that wheels which are not listed may cause, m/s^2. It cannot be distinguished from
+            the zero, whose deviation it increases, but only where it is larger than in all earlier calls.
         """
         kalman = self.kalman
         wider, value, precision = max(drag**2 - self._drag**2, 0.0), 0.0, 0.0
@@ -249,6 +251,7 @@ class StrengthFilter:
         by_level = self._way * self.mass
 
         def shown(pulls: Array, rims: Array) -> Array:
+            """Measurements predicted from pulls and rim forces (N), in the order of z."""
             value = (at.along * pulls).sum() + by_level * self.kalman.x[LEVEL]
             of_vehicle = np.array([value] if balanced else [])
             return np.concatenate([of_vehicle, rims[turned], pulls[pulled]])

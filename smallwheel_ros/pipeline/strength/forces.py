@@ -32,7 +32,7 @@ _DEEPER = 1e-5  # of the diameter: step of sinkage for slopes by differences
 
 @dataclass(frozen=True)
 class Rolling:
-    """Rolling wheels on soil, a row each: all that their forces depend on but the filter's state.
+    """Rolling wheels on soil, a row each: all that their forces depend on except the filter's state.
 
     Attributes
     ----------
@@ -47,8 +47,8 @@ class Rolling:
     peak
         Place of the largest pressure at slip 1, as a share of the arc of contact, 1.
     along
-        Cosine of the angle between the wheel's heading and the vehicle's course, by which its pull acts along
-        the course, (rows,), or (1,) for all.
+        Cosine of the angle between the wheel's heading and the vehicle's course, (rows,), or (1,) for all:
+        share of the pull that acts along the course.
     layers
         Effects that multiply the pressure by a function of depth.
     """
@@ -133,7 +133,8 @@ class Believed:
     x, P
         State and its covariance, (size,) and (size, size).
     cells
-        Number of the cell of the ground under each rolling wheel, (wheels,).
+        Number of the cell of ground under each rolling wheel, (wheels,). A cell is 0.1 m of the ground, whose
+        grip is part of the state.
     slips
         Mean slip of each rolling wheel over the step that has just ended, 1, (wheels,); NaN for a wheel that
         was not in it.
@@ -183,16 +184,16 @@ class Believed:
         Returns
         -------
         thrust, pull, rim : Force
-            As measured: the pull without resistances that are not in the law, the rim force with the scale
-            of the wheel's torque and the friction of its drive.
+            As measured: the pull is reduced by resistances that are not in the law, the rim force includes
+            the scale of the wheel's torque and the friction of its drive.
         """
         return forces(self.x, self.cells, at, exact_slip=exact_slip)
 
     def spread(self, push: Force, row: Array) -> Array:
         """Compute the mean square deviation, due to the state, of forces that contain a thrust.
 
-        Thrust is a product of soil and grip and is taken to be lognormal, which adds to the variance to first
-        order.
+        Thrust is a product of soil and grip, and is taken to be lognormal: its variance is larger than to
+        first order.
 
         Parameters
         ----------

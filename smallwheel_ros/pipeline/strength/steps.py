@@ -47,7 +47,9 @@ class _StepRows(Readings):
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of the vehicle's path, and in a second table with several rows a step the wheels in them.
+    """Steps of the vehicle's path, and the wheels in each.
+
+    Arrays of shape (steps,) have a value for each step, those of shape (rows,) one for each wheel in a step.
 
     Attributes
     ----------

@@ -150,7 +150,7 @@ class Strengths:
     def rolling(
         self, wheel: Integers, on: OnSoil, slip: Array, along: Array | None = None
     ) -> Rolling:
-        """Collect what the forces of rolling wheels depend on but the filter's state.
+        """Collect all that the forces of rolling wheels depend on except the filter's state.
 
         Parameters
         ----------
@@ -166,7 +166,7 @@ class Strengths:
         Returns
         -------
         Rolling
-            A row for each row.
+            A row for each wheel given.
         """
         diameter, width = self._sizes[wheel].T
         along = np.ones(1) if along is None else along

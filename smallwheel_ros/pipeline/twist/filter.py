@@ -365,7 +365,7 @@ class TwistFilter:
         Returns
         -------
         tuple of float
-            The columns of `Twists` but for the stamp: vx (m/s), its variance, variance of vy (m^2/s^2), yaw
+            The columns of `Twists` except the stamp: vx (m/s), its variance, variance of vy (m^2/s^2), yaw
             rate (rad/s), its variance (rad^2/s^2), slip (1), period (s).
         """
         x, slip, rims = self.x, self.slip, self._rolled(rims)

@@ -43,7 +43,7 @@ class TwistError(SmallwheelError):
 
 @dataclass(frozen=True)
 class Twists(Columns):
-    """The vehicle's twist at each stamp of the rims; nothing in it is ever NaN.
+    """The vehicle's twist at each stamp of the rims; no value is NaN.
 
     Attributes
     ----------
@@ -243,6 +243,7 @@ def _streams(state: TwistState, rows: Rows) -> dict[str, _Stream]:
         return rows.get(stream, _NONE)
 
     def good(name: str, stamps: Integers, values: Array, most: float) -> None:
+        """Put into `found` the rows kept from earlier, and newer ones with |values| of at most `most`."""
         before = state.tail.get(name, (stamps[:0], values[:0]))
         keep = (np.abs(values) <= most).all(axis=1)  # NaN is not
         known = np.concatenate([before[0][-1:], np.where(keep, stamps, -1)])
