@@ -476,7 +476,7 @@ class SoilFilter:
         return rows.sinkage - shown.value, covariance, shown.by_load
 
     def copy(self) -> SoilFilter:
-        """Return a copy that is independent of this filter."""
+        """Return a copy, which updates of this filter by stretches do not change; `weigh` changes both."""
         own = copy(self)
         own.bank, own.scatter = [member.copy() for member in self.bank], self.scatter.copy()
         own._store = None if self._store is None else self._store.copy()
