@@ -128,7 +128,7 @@ def answer(
     rows
         Readings of the block, due or not.
     judged
-        Level of the warning, and margin of any ground, at each row.
+        Level of the warning, and margin by slip and accelerometer alone, at each row.
     ground
         Load, and versions of soil and strength, at each row.
     known

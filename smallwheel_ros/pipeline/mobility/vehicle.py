@@ -57,8 +57,8 @@ class VehicleEstimates(Columns):
     level
         Level of the warning: a number of VehicleMobility.msg (`WarningLevel`).
     slip_warned
-        Slip of the middle wheel (the median) in the direction of its rims, which the warning judges, 1; NaN
-        where it judges none.
+        Median slip of the rolling wheels, in the direction in which their rims turn, on which the warning
+        rests, 1; NaN where it rests on none.
     speed, speed_std
         Speed over ground along `course`, and its standard deviation, m/s.
     course

@@ -63,7 +63,7 @@ class Strengths:
     effects
         Effects of the model; those that act on the pressure change the forces.
     measured
-        Whether `strength` was measured on this ground; otherwise the margin starts from any ground.
+        Whether `strength` was measured on this ground; otherwise the margin starts from `of_any_ground`.
     gravity
         Acceleration of gravity, m/s^2.
 

@@ -77,7 +77,7 @@ class StrengthEstimate:
 
 
 def strength_of(strengths: Strengths) -> StrengthEstimate:
-    """Return the newest estimate, that of the filter for the margin.
+    """Return the newest estimate of the strength, by the filter for the margin.
 
     Parameters
     ----------
