@@ -29,10 +29,10 @@ therefore a filter for each of 11 zeros, whose deviation about its zero is about
 (a sum of Gaussians; Alspach and Sorenson 1972). Together they make up the prior, with
 twice its deviation of ln pressure, since a soil is often not the one that was named. One more
 filter, the first, has the named soil's deviation and a tenth of the prior's deviations of passes
-and zeros. Weights are shares times likelihoods to the power of 0.3 or, where that is less, (1 - a)/(1 + a):
-an error that the law cannot describe persists over metres and looks like a wrong zero. All filters use the
-same R, the mean of theirs. If each used its own, the filter that sees the least scatter in the ground would
-win: under one load, that of a zero of 3 to 5 mm.
+and zeros. Weights are shares times likelihoods to the power of 0.3, or, where it is less, of 1 over
+the factor by which neighbouring errors are alike: an error that the law has no part for persists
+over metres and looks like a wrong zero. R is one for all filters, their mean. With R of its own, the
+filter that sees the least scatter in the ground would win: under one load, that of a zero of 3 to 5 mm.
 
 The mean is that of all filters, the covariance that of the eleven about this mean: an error of sensors that
 the data does not show is still allowed for.

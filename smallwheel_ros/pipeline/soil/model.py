@@ -63,16 +63,16 @@ _PITCH_STD = 0.01  # m/rad, of e
 _SINKAGE_SCALE_STD = (
     0.05  # of f: a range sensor 18 degrees off the vertical along which it is taken to look
 )
-# Factors: on the deviations of passes and zeros where nothing is wrong; on that of ln pressure where the soil
-# may not be the one that was named: sand is firm in places, by 2 to 4.6 of the prior's deviations in drives
-# of another author, which n and the zeros then had to make up for.
+# On the deviations of passes and zeros where nothing is wrong; on that of ln pressure where the soil may not
+# be the one that was named: sand is firm in places, by 2 to 4.6 of the prior's deviations in drives of
+# another author, which n and the zeros then had to make up for.
 _FAULT_FREE, _MISNAMED = 0.1, 2.0
 LEAST_SHARE = 0.15  # of the shown load, that the wheel carries at least, whatever the zero
 LOG_DEPTH = math.log(REFERENCE_SINKAGE)
 N_RANGE = 0.05, 2.9
-# Error of a single sensor besides, over the error that all share: m rests on the difference between wheels of
-# two sizes. How a zero is taken moves all sensors alike, by up to a centimetre. What is left for each is how
-# it is mounted and read, which a worse way of taking the zero does not change: half a millimetre at most.
+# What a single sensor is off by besides, over what all are: m lives on what wheels of two sizes differ by.
+# How a zero is taken moves all sensors alike, by up to a centimetre. What is left of each is how it is
+# mounted and read, which a worse way of taking the zero does not change: half a millimetre at most.
 _EACH_ZERO, _EACH_LOAD = 0.25, 0.5
 _EACH_ZERO_MOST = 5e-4  # m
 _LEAST_SLIP_FACTOR, _TINY = 0.2, 1e-9
@@ -291,13 +291,7 @@ class LawModel:
         self.unnamed_covariance[:LAW, :LAW] = back @ own @ back.T
 
     def fault_free(self, covariance: Array) -> Array:
-        """Return a covariance of the state with the deviations of passes and zeros reduced to a tenth.
-
-        Parameters
-        ----------
-        covariance
-            Covariance of the state, shape (size, size).
-        """
+        """The covariance of the state with deviations of passes and zeros reduced to a tenth."""
         scale = np.ones(self.size)
         scale[[PASS, ZERO, *range(WHEELS, self.size, EACH)]] = _FAULT_FREE
         whole: Array = covariance * np.outer(scale, scale)
