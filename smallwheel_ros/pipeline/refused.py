@@ -7,18 +7,19 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
 
-_ENOUGH, _MANY = 20, 0.2  # messages before anything is reported of a stream; share that is refused
+# Rows before anything is reported of a stream; share of refused messages from which on it is.
+_ENOUGH, _MANY = 20, 0.2
 
 
 class Refusal(NamedTuple):
-    """A message that could not be used.
+    """A problem with messages of a stream, most often that they could not be used.
 
     Attributes
     ----------
     stream
-        Stream or topic that it belongs to.
+        Stream or topic of the messages.
     reason
-        Key by which it is counted.
+        Key under which the problem is counted, such as 'not_readable'.
     text
         Explanation for people.
     """
@@ -29,14 +30,15 @@ class Refusal(NamedTuple):
 
 
 class ProblemLog:
-    """Counts problems by stream and reason since the start, and keeps an explanation of each new one.
+    """Counts problems since the start, by stream and reason, with an explanation of each.
 
     Attributes
     ----------
     counts
-        How often each has occurred, by stream and reason.
+        Number of messages with each problem, by (stream, reason). The caller's own counter, not a copy:
+        others may add to it.
     words
-        An example of each, in words.
+        Explanation of the newest occurrence, by (stream, reason); not a copy either.
     """
 
     def __init__(self, counts: Counter[tuple[str, str]], words: dict[tuple[str, str], str]) -> None:
@@ -54,13 +56,13 @@ class ProblemLog:
         stream
             Stream or topic.
         reason
-            Key by which it is counted.
+            Key under which the problem is counted.
         text
-            Explanation for people.
+            Explanation for people; it replaces that of earlier messages.
         times
-            How many messages had it.
+            Number of messages with the problem.
         unused
-            Whether these messages were left out.
+            Whether these messages were left out. If False they do not count as refused (`refused`).
         """
         self.counts[stream, reason] += times
         self.words[stream, reason] = text
@@ -68,13 +70,13 @@ class ProblemLog:
             self._used.add((stream, reason))
 
     def take(self) -> list[Refusal]:
-        """New problems since the last call: each stream and reason once, with its newest explanation."""
+        """Return the problems counted since the last call, each stream and reason once, as last explained."""
         new = [key for key, count in self.counts.items() if count != self._told[key]]
         self._told = self.counts.copy()
         return [Refusal(*key, self.words[key]) for key in new]
 
     def refused(self, stream: str) -> int:
-        """How many messages of a stream were not used."""
+        """Number of messages of a stream that were not used."""
         return sum(
             count
             for key, count in self.counts.items()
@@ -82,7 +84,14 @@ class ProblemLog:
         )
 
     def findings(self, received: Iterable[tuple[str, int]]) -> tuple[str, ...]:
-        """Report streams of which many rows are refused, by the number of rows `received` for each."""
+        """Describe in words each stream of which over a fifth of the messages were refused.
+
+        Parameters
+        ----------
+        received
+            Name of each stream, and the number of rows it has received; one with fewer than 20 rows is
+            ignored.
+        """
         found = []
         for name, rows in received:
             refused = self.refused(name)
@@ -95,7 +104,7 @@ class ProblemLog:
         return tuple(found)
 
 
-# Of messages that gave the stream no row.
+# Reasons of messages that did not become a row of their stream.
 NO_ROW = ("no_value", "not_readable", "velocity_unit", "steering_unit")
-# Reasons of streams that keep the message.
+# Reasons for which a message is counted but used all the same.
 _USED = frozenset(["no_orientation", "load_not_positive", "time_jump", "in_steps"])

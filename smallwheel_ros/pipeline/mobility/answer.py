@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is reported of each row that is due: numbers, conditions, margin and risk, whatever is missing.
+"""Estimates of each row that is due: forces, conditions, margin and risk, with NaN for what is unknown.
 
-margin   of any ground (`margin`), or the strength filter's, where the soil's law is measured and
+margin   of any ground (`warning.margin`), or the strength filter's, where the soil's law is measured and
          something has shown its strength: the one of smaller deviation, never a mean of both
 risk     probability that a place ahead does not give the pull still needed, at any slip: the cost of a
          cell of the map that requires as much; at least 0.5 above the first level of the warning
@@ -41,30 +41,32 @@ from .status import Condition, status_of
 from .wheel import Predicted, mobility
 
 STALE = 2 * SECOND  # ns, after which a wheel's margin does not count for the vehicle
+# A sinkage is compared with the median of the 7 newest ones, and is far off from 3 deviations of the sensor
+# on. One that is far from the prediction only is good: then the soil is another.
 _NEWEST, _FAR = (
     7,
     3.0,
-)  # sinkages among which one is far; deviations of the sensor: else the soil is another
+)
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
-_GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in 100 s does not
+_GOOD = 0.999  # share of good readings that are recognised as good: at 10 Hz all but one in 100 s
 
 
 @dataclass(frozen=True)
 class OnGround(Loads):
-    """Load, and versions of soil and strength, at each row.
+    """Load, and numbers of the versions of soil and strength, at each row.
 
     Attributes
     ----------
     load, load_std
-        N, without the cell's noise.
+        Load without its cell's noise, and its standard deviation, N.
     soil_version
-        Version of the soil under the wheel.
+        Number of the version of the soil under the wheel.
     newest
-        Version of the soil that the first wheels are on.
+        Number of the version of the soil that the first wheels are on.
     strength_version
-        Version of the strength.
+        Number of the version of the strength.
     refused
-        Number of measured sinkages not used up to then.
+        Number of measured sinkages that were refused as implausible or untimely up to then.
     """
 
     soil_version: Integers
@@ -74,7 +76,15 @@ class OnGround(Loads):
 
 
 class KnownGround(NamedTuple):
-    """Soils and strengths by the versions that rows name."""
+    """Soils and strengths by the numbers of their versions.
+
+    Attributes
+    ----------
+    soils
+        Versions of the soil's law.
+    strengths
+        Estimator of the strength, whose `believed` holds the versions.
+    """
 
     soils: Versions[Version]
     strengths: Strengths
@@ -87,14 +97,14 @@ class AnswerState:
     Attributes
     ----------
     newest
-        For each wheel, by number: stamp (ns), load (N), margin, its standard deviation, and the gain of
-        margin beyond the reference slip, of its newest row.
+        Newest row of each wheel with a margin by soil and strength, by number: stamp (ns), load (N), median
+        of the margin, standard deviation of its lower half, and its gain beyond the reference slip.
     shown
-        For each wheel, its newest measured sinkages, m.
+        Newest measured sinkages of each wheel, m, by number.
     risk
-        Newest risk of getting stuck, 0 to 1, or NaN.
+        Newest risk of getting stuck, 0 to 1; NaN before the first.
     slopes
-        Stamps, and gravity's components ahead and to the side (m/s^2), over the last 2 s.
+        Stamps (ns), and gravity's components ahead and to the side (m/s^2), over the last 2 s.
     """
 
     newest: dict[int, tuple[int, float, float, float, float]] = field(default_factory=dict)
@@ -116,15 +126,20 @@ def answer(
     state
         State carried from block to block; it is updated.
     rows
-        Readings.
+        Readings of the block, due or not.
     judged
-        Warning and margin at each row.
+        Level of the warning, and margin by slip and accelerometer alone, at each row.
     ground
         Load, and versions of soil and strength, at each row.
     known
         Soils and strengths by version.
     settings
         The pipeline's settings.
+
+    Returns
+    -------
+    Estimates
+        A row for each row that is due, in the same order; empty if there is none.
     """
     due = np.flatnonzero(rows.due)
     if not due.size:
@@ -204,7 +219,7 @@ def answer(
 
 
 def _among(some: Predicted, known: Integers, count: int) -> Predicted:
-    """Rows of some wheels among those of which nothing is known."""
+    """Put predictions of the rows with these indices into a table of `count` rows, the others unknown."""
     if known.size == count:
         return some
     whole = Predicted.unknown(count)
@@ -214,7 +229,7 @@ def _among(some: Predicted, known: Integers, count: int) -> Predicted:
 
 
 def _without_law(can: Predicted, measured: Flags) -> Predicted:
-    """What a law says is not known of a soil that is neither named nor measured."""
+    """Set to NaN what rests on the law alone where that is not measured, for a soil that nobody has named."""
     names = (
         "sinkage",
         "compaction_resistance",
@@ -230,7 +245,7 @@ def _without_law(can: Predicted, measured: Flags) -> Predicted:
 def _does_not_fit(
     state: AnswerState, rows: Readings, can: Predicted, settings: OnboardSettings
 ) -> Flags:
-    """A sinkage far from those just before it, and beyond what is expected of it."""
+    """Whether a sinkage is far both from those just before it and from the predicted one, (rows,)."""
     gate = float(chdtri(1, 1.0 - _GOOD))
     noise = np.where(
         np.isfinite(rows.sinkage_std), rows.sinkage_std, settings.estimator.sinkage_std
@@ -250,14 +265,17 @@ def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, told: Flags, measured: bool,
     rolls: Flags,
 ) -> tuple[Array, Array, Array, Array, Array, Flags, Array]:  # fmt: skip
-    """Margin of each wheel, deviation, median, deviation of the lower half, what is beyond; by soil; risk.
+    """Choose the margin of each row, and compute its risk.
 
     told: mask of the rows for which the soil's law was measured, and its strength narrowed by some
-    measurement. Both margins say honestly how unsure they are, so that the one with less deviation errs less:
+    measurement. The deviations of both margins are honest, so the margin with the smaller one is closer:
     that of any ground is the mean of a belief with a long upper half, and is too high for as long as little
-    is known. measured: whether a model file has the strength as measured; then the margin is the filter's
-    from the start. beyond: gained from the reference slip up to the slip at which the vehicle no longer
-    moves; by soil: whether the margin is the filter's.
+    is known. measured: whether the strength is from a model file, as measured; then the margin is the
+    filter's from the start. rolls: mask of the rows of rolling wheels; of others all is NaN.
+
+    Returns seven columns: margin, its standard deviation, its median, standard deviation of its lower half,
+    its gain from the reference slip to the slip at which the vehicle no longer moves, whether it is the
+    strength filter's, and the risk.
     """
     by_filter = told & ~(can.margin_std >= judged.margin_std)
     by_filter = (by_filter | measured) & np.isfinite(can.margin)
@@ -288,7 +306,7 @@ def _margins(
 
 
 def _known_strength(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
-    """Whether the strength of rows is determined for the present pull, and narrowed at all for the margin."""
+    """Masks of rows whose strength is determined for the present pull, and measured at all for the margin."""
     kinds, index = np.unique(versions, return_inverse=True)
     believed = zip(*(strengths.believed[kind] for kind in kinds.tolist()), strict=True)
     now, reserve = (np.array([one.P for one in column]) for column in believed)
@@ -297,7 +315,7 @@ def _known_strength(strengths: Strengths, versions: Integers) -> tuple[Flags, Fl
 
 
 def _tilt(state: AnswerState, rows: Readings, gravity: float) -> Array:
-    """Tangent of the steepest slope, whichever way the vehicle looks, by means over 2 s; 0 without any."""
+    """Tangent of the steepest slope in any direction, by means over 2 s; 0 where it is not measured."""
     known = np.isfinite(rows.slope + rows.across)
     stamp, ahead, aside = state.slopes
     stamp = np.concatenate([stamp, rows.stamp])

@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 class Condition(IntFlag):
     """A condition that applies to a row; each is a bit in `Estimates.conditions`."""
 
-    PRIOR_ONLY = 1
-    LAW_UNKNOWN = 2
-    SLIP_UNKNOWN = 4
-    STANDS = 8
-    DOES_NOT_FIT = 16
-    NOT_USED = 32
-    LOAD_MISSING = 64
-    NOTHING_PREDICTED = 128
-    SUNK_TO_AXLE = 256
-    LOAD_STATIC = 512
-    DIGS = 1024
-    WARNED = 2048
-    MARGIN_OF_PRIOR = 4096
-    STRENGTH_OF_PRIOR = 8192
-    ANGLE_UNKNOWN = 16384
+    PRIOR_ONLY = 1  # no sinkage has been used yet: the soil is the configured one
+    LAW_UNKNOWN = 2  # the same, and no soil is configured: the law predicts nothing
+    SLIP_UNKNOWN = 4  # the wheel stands, or a speed is not known
+    STANDS = 8  # of these: the wheel stands
+    DOES_NOT_FIT = 16  # the measured sinkage is far from those before it and from the predicted one
+    NOT_USED = 32  # the wheel has a sinkage sensor, and no usable sinkage for this row
+    LOAD_MISSING = 64  # no usable load for this row
+    NOTHING_PREDICTED = 128  # the model gives no sinkage, although all that it needs is known
+    SUNK_TO_AXLE = 256  # the soil does not carry the load before the axle reaches it
+    LOAD_STATIC = 512  # the load is configured, not measured
+    DIGS = 1024  # the rolling wheel digs itself in: the second level of the warning holds
+    WARNED = 2048  # any level of the warning holds, and the wheel rolls
+    MARGIN_OF_PRIOR = 4096  # the margin is essentially that of any ground
+    STRENGTH_OF_PRIOR = 8192  # thrust and pull rest on a strength that nothing here has measured
+    ANGLE_UNKNOWN = 16384  # slip is unknown since the steering angle is
 
 
 class _Explained(IntEnum):
@@ -76,7 +76,7 @@ class MarginSource(_Explained):
     SOIL = 3, "soil and strength"
 
 
-# From the least serious to the most serious. A condition that is not listed is no status.
+# From the least to the most serious. A condition that is not listed has no status.
 _STATUS_OF = (
     (Condition.PRIOR_ONLY, Status.PRIOR_ONLY),
     (Condition.SLIP_UNKNOWN, Status.SLIP_UNKNOWN),
@@ -89,7 +89,18 @@ _STATUS_OF = (
 
 
 def status_of(conditions: Integers) -> Integers:
-    """Status of rows with these conditions, shape (rows,)."""
+    """Return the most serious status of each row, from its conditions.
+
+    Parameters
+    ----------
+    conditions
+        Bits of `Condition`, shape (rows,).
+
+    Returns
+    -------
+    ndarray
+        Numbers of `Status`, shape (rows,).
+    """
     found = np.full(conditions.shape, int(Status.OK), dtype=np.int64)
     for condition, status in _STATUS_OF:
         found[conditions & int(condition) != 0] = int(status)

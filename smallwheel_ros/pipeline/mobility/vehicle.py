@@ -5,7 +5,7 @@
             -> VehicleEstimates
 
 An estimate depends on rows before its instant and not on where blocks are cut. There is one whenever any
-message came, be it the imu's alone: a subscriber then learns that slip is unknown, rather than hearing
+message came, even if only the imu's: a subscriber then learns that slip is unknown, instead of receiving
 nothing.
 """
 
@@ -42,7 +42,7 @@ from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 from .answer import STALE
 from .status import MarginSource
 
-_PAUSE = 10 * SECOND  # ns: after so long without any message the drive goes on with the next one
+_PAUSE = 10 * SECOND  # ns: longest time without messages that is filled with estimates
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 
 
@@ -53,25 +53,38 @@ class VehicleEstimates(Columns):
     Attributes
     ----------
     stamp
-        ns.
-    level, margin_source
-        Numbers of VehicleMobility.msg.
+        End of the tenth, ns.
+    level
+        Level of the warning: a number of VehicleMobility.msg (`WarningLevel`).
     slip_warned
-        1, of the middle wheel; NaN where the warning does not judge it.
-    speed, speed_std, course
-        m/s along course, rad.
-    slip, slip_left, slip_right
-        1, of the middle wheel, and of each side.
-    margin, information
-        1; and how much this drive has added to what is known of any ground, 0 to 1 (`margin.information`).
+        Median slip of the rolling wheels, in the direction in which their rims turn, on which the warning
+        rests, 1; NaN where it rests on none.
+    speed, speed_std
+        Speed over ground along `course`, and its standard deviation, m/s.
+    course
+        Direction of travel relative to the heading, rad, positive to the left.
+    slip, slip_std
+        Median slip of the rolling wheels over half a second, and its standard deviation, 1.
+    slip_left, slip_left_std, slip_right, slip_right_std
+        The same of the left wheels and of the right ones, 1; of all wheels where a side has none.
+    margin, margin_std
+        Drawbar pull of all wheels over their load at the reference slip, and its standard deviation, 1.
+    margin_source
+        What the margin rests on: a number of VehicleMobility.msg (`status.MarginSource`).
+    information
+        Share of the information about the margin that this drive has given, 0 to 1 (`margin.information`).
     slope_ahead, slope_across
-        rad, nose up, left side up.
-    demand, risk
-        Pull over load that is still needed, 1; probability of getting stuck within a metre.
+        Slope of the ground, means over 2 s, rad; positive nose up and left side up.
+    demand
+        Pull over load that the vehicle continues to need, 1.
+    risk
+        Probability of getting stuck within the next metre, 0 to 1.
     energy
-        J/m, of all wheels.
-    soil, at_border
-        How many borders between soils were crossed; whether some wheels have not crossed the last one yet.
+        Energy per metre of travel of all wheels, J/m; NaN where that of one wheel is unknown.
+    soil
+        Largest number of the soils under the wheels; soils are numbered in the order in which they are found.
+    at_border
+        Whether some wheels are still on the soil before the last border.
     """
 
     stamp: Integers
@@ -100,18 +113,24 @@ class VehicleEstimates(Columns):
 
 
 class VehicleState:
-    """State of the vehicle, carried from block to block."""
+    """State of the vehicle, carried from block to block.
+
+    Parameters
+    ----------
+    settings
+        The pipeline's settings.
+    """
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
         self._wheels = none_of(
             Estimates
-        )  # of the last seconds: an instant may be before the newest
-        self._numbers = np.empty(0, dtype=np.int64)  # of the soils of these
+        )  # of the last seconds, since an instant may be before the newest row
+        self._numbers = np.empty(0, dtype=np.int64)  # of the soils of these rows
         self._instants: Instants | None = None  # of the last half second
         self._last = _nothing(sum(wheel.contact == ROLLING for wheel in settings.wheels))
-        self._told = NEVER  # stamp of the newest instant that was given
-        # Stamps of the newest rows, what gravity pulls ahead and across (m/s^2), and what is asked for.
+        self._told = NEVER  # stamp of the newest estimate
+        # Stamps of the newest rows; gravity's components ahead and across (m/s^2), and pull over load needed.
         self._felt: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((3, 0))
 
     def take(
@@ -123,28 +142,34 @@ class VehicleState:
         Parameters
         ----------
         heard
-            Ends of the past tenths of a second in which any message came, ns.
+            Ends of the block's tenths of a second in which any message came, rising, shape (tenths,), ns.
         instants
-            New instants; None if there are none.
+            Speeds and slope at the new instants of the warning; None if there are none.
         warned
-            State of the warning at each instant.
+            State of the warning at each instant; None if there are none.
         stuck
-            At which instants the rims turn and the vehicle does not move.
+            Whether the rims turn and the vehicle does not move, at each instant, shape (instants,).
         rows
-            Readings of all wheels.
+            Readings of all wheels in the block.
         judged
-            Warning and margin at each row.
+            Warning and margin of any ground at each row.
         estimates
             Estimates of the rows that were due.
         soils
-            Versions of the soil's law.
+            Versions of the soil's law, those in `estimates` included.
+
+        Returns
+        -------
+        VehicleEstimates
+            One row for each tenth since the last call; empty without any message. Tenths without a message
+            are included, unless no message came for over 10 s.
         """
         every = Estimates.joined([self._wheels, estimates])
         own = [soils[version].number for version in estimates.soil_version.tolist()]
         numbers = np.concatenate([self._numbers, np.array(own, dtype=np.int64)])
         stamps = np.concatenate([self._felt[0], rows.stamp])
-        # Slopes are those ahead and to the left, whichever way the vehicle goes.
-        turned = rows.course != 0.0  # a slope across that is not known leaves that ahead as it is
+        # From along and across the course to ahead and to the left of the vehicle.
+        turned = rows.course != 0.0  # straight ahead the slope is known even if that across is not
         ahead, across = along_course(-rows.course, rows.slope, rows.across)
         ahead = np.where(turned, ahead, rows.slope)
         across = np.where(turned, across, rows.across)
@@ -167,7 +192,10 @@ class VehicleState:
         return found
 
     def _every_tenth(self, heard: Integers) -> tuple[Instants, Warned, Flags]:
-        """What holds at each tenth up to the last of these: what was known last, for as long as it holds."""
+        """Return the newest instant, warning and stuck at each tenth up to the last of `heard`.
+
+        Each is held for `HELD` seconds; after that it is unknown.
+        """
         since = heard - np.concatenate([[self._told], heard[:-1]])
         times = np.where(since > _PAUSE, 1, since // PERIOD)
         left = np.repeat(np.cumsum(times), times) - np.arange(times.sum()) - 1
@@ -224,7 +252,7 @@ class VehicleState:
         )  # fmt: skip
 
     def _slips(self, instants: Instants) -> Array:
-        """Slip and its deviation of the middle wheel, and of the middle one of each side; (6, instants)."""
+        """Median slip and its deviation: of all rolling wheels, left ones, right ones; (6, instants)."""
         rolling = [w for w in self.settings.wheels if w.contact == "rolling"]
         side = np.array([wheel.lateral_position for wheel in rolling])
         sides = [side > 0.0, side < 0.0]
@@ -252,7 +280,7 @@ class VehicleState:
 
 
 def _nothing(wheels: int) -> tuple[Instants, Warned, Flags]:
-    """An instant before all others, at which nothing is known of so many rolling wheels."""
+    """An instant before all others, at which nothing is known; `wheels`: number of rolling wheels."""
     never, no = np.array([NEVER]), np.zeros(1, dtype=np.int64)
     of_wheels, one = np.full((1, wheels), np.nan), np.full(1, np.nan)
     return (
@@ -263,7 +291,10 @@ def _nothing(wheels: int) -> tuple[Instants, Warned, Flags]:
 
 
 def _slip(rim: Array, ground: Array, spread: Array) -> tuple[Array, Array]:
-    """Slip of wheels, driven or braked, and its deviation; NaN where a wheel stands."""
+    """Slip of wheels, driven or braked, and its deviation; NaN where a wheel stands.
+
+    rim, ground: speeds, m/s. spread: deviation of the speed over ground, m/s.
+    """
     exact = np.zeros_like(rim)
     slip, _, _ = slip_of(ground, exact, rim, exact, SLOWEST_RIM)
     larger = np.maximum(np.abs(rim), np.abs(ground))
@@ -283,7 +314,10 @@ def _median(table: Array) -> Array:
 
 
 def _felt(stamps: Integers, felt: Array, instants: Integers, gravity: float) -> Array:
-    """Slope ahead (nose up), across (left side up), rad, means over 2 s; what is asked for. NaN: unknown."""
+    """Slopes (rad), means over 2 s, ahead (nose up) and across (left side up), and demand; (3, instants).
+
+    NaN where unknown. felt: gravity ahead and across (m/s^2), and demand, at stamps, (3, stamps).
+    """
     found = np.full((3, instants.size), np.nan)
     end = np.searchsorted(stamps, instants, side="left")
     begin = np.searchsorted(stamps, instants - STALE, side="left")
@@ -304,7 +338,10 @@ def _felt(stamps: Integers, felt: Array, instants: Integers, gravity: float) -> 
 
 
 class _Newest:
-    """The newest rows of all wheels at instants, put together; those that are old do not count."""
+    """Numbers of the vehicle from the newest row of each wheel before each instant, at most 2 s older.
+
+    numbers: number of the soil of each row of `every`. wheels: number of wheels.
+    """
 
     def __init__(
         self, every: Estimates, numbers: Integers, instants: Integers, wheels: int
@@ -333,17 +370,17 @@ class _Newest:
         self.risk = np.take_along_axis(risk, stamp.argmax(axis=0)[None], axis=0)[0]
 
     def _of(self, column: NDArray[Any], otherwise: float) -> NDArray[Any]:
-        """A column at each wheel and instant."""
+        """A column's values of each wheel at each instant, (wheels, instants); `otherwise` without a row."""
         if not column.size:
             return np.full(self._fresh.shape, otherwise)
         return np.where(self._fresh, column[self._place], otherwise)
 
     @property
     def margin(self) -> tuple[Array, Array]:
-        """Pull of all over load of all, and its deviation; NaN where no wheel has a margin.
+        """Pull of all wheels over their load, and its deviation, (instants,); NaN without any margin.
 
-        Where a load is not known, wheels count alike. All wheels stand on one estimated soil, so their errors
-        are taken to go together.
+        Wheels without a margin are left out. Where the load of one is unknown, all have the same weight. All
+        wheels stand on one estimated soil, so their errors are taken to be fully correlated.
         """
         every = self._every
         margin, spread = self._of(every.margin, np.nan), self._of(every.margin_std, np.nan)
@@ -359,9 +396,17 @@ class _Newest:
 
 
 def vehicle_margin(newest: Estimates) -> Quantity | None:
-    """Margin of a whole vehicle from the newest row of each wheel: pull of all over load of all.
+    """Compute the margin of a vehicle: pull of all wheels over their load at the reference slip, 1.
 
-    None where no wheel has a margin.
+    Parameters
+    ----------
+    newest
+        Newest row of each wheel; rows over 2 s older than the newest of all are left out.
+
+    Returns
+    -------
+    Quantity or None
+        Value and standard deviation, 1; None where no wheel has a margin.
     """
     if not len(newest):
         return None

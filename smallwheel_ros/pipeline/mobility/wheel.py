@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What wheels can do on the estimated soil and strength: rows in, numbers out.
+"""Forces and margins of wheels on the estimated soil and strength.
 
-Each number with its standard deviation, propagated to first order from law, strength, load and slip.
-Drawbar pull: thrust less the resistance of the same stresses (`shear`), of effects, and of what is
-in no law. A torque measured at the same instant is fused with thrust and pull. Margin: pull over
-load at the reference slip, at the wheel's sinkage or, where that is more, the one of the largest
-pull: a wheel that hardly sinks has a short contact, in which the law mobilises little shear; since
-that was never measured, firm ground is taken to hold what any softer one would.
+Each number has a standard deviation, propagated to first order from law, strength, load and slip.
+Drawbar pull is thrust less the resistance of the same stresses (`physics.stresses`), of the effects, and
+of what is in no law. A torque measured at the same instant is fused with thrust and pull. The margin is
+pull over load at the reference slip, at the wheel's sinkage or, where that is larger, at the sinkage of
+the largest pull: a wheel that hardly sinks has a short contact, in which the law mobilises little shear;
+since that was never measured, firm ground is assumed to hold as much as any softer one would.
 """
 
 from __future__ import annotations
@@ -27,11 +27,13 @@ from smallwheel_ros.pipeline.strength.two_filters import RECENT, Strengths
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Mobility, Readings, unknown
 from smallwheel_ros.pipeline.versions import Versions
 
-SCATTER, _LEAST_STD = 0.05, 0.15  # of a thrust about law and grip; N, resolution of any pull
-_FITTED, _UNFITTED = 0.03, 0.05  # of the load: a margin's law with a balance, and without one
-_LEAST_TORQUE = 0.25  # N at the rim
-HARDLY_TRAVELS = 0.95
-_DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter, among which the best one is looked for
+# Scatter of a thrust about law and grip, as a share of it; N, least deviation of any pull.
+SCATTER, _LEAST_STD = 0.05, 0.15
+# Error of the law in a margin's pull, as a share of the load: with a balance of forces, and without one.
+_FITTED, _UNFITTED = 0.03, 0.05
+_LEAST_TORQUE = 0.25  # N at the rim: least deviation of a measured torque
+HARDLY_TRAVELS = 0.95  # slip above which energy per metre is not given
+_DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter: sinkages among which the best is chosen
 
 
 @dataclass(frozen=True)
@@ -41,10 +43,9 @@ class Predicted(Mobility):
     Attributes
     ----------
     sunk
-        Whether the soil fails to carry the load, shape (rows,).
+        Whether the wheel is sunk to its axle: the soil does not carry the load before that.
     beyond
-        Gain of pull over load from the reference slip to the slip at which the vehicle no longer moves, 1,
-        shape (rows,).
+        Gain of pull over load from the reference slip to the slip at which the vehicle no longer moves, 1.
     """
 
     sunk: Flags
@@ -52,7 +53,7 @@ class Predicted(Mobility):
 
     @classmethod
     def unknown(cls, count: int) -> Predicted:
-        """Rows of wheels about which nothing is known."""
+        """Return `count` rows in which every number is NaN, and no wheel is sunk."""
         names = [column.name for column in fields(Mobility)]
         sunk = np.zeros(count, dtype=bool)
         return cls(**{name: unknown(count) for name in [*names, "beyond"]}, sunk=sunk)
@@ -73,15 +74,20 @@ def mobility(
     load_std
         Standard deviation of the load, shape (rows,), N.
     law
-        Versions of the soil, shape (rows,).
+        Number of the version of the soil under each wheel, shape (rows,).
     strength
-        Versions of the strength, shape (rows,).
+        Number of the version of the strength at each row, shape (rows,).
     soils
         Versions of the soil's law.
     strengths
-        Versions of the strength.
+        Estimator of the strength, with its versions.
     settings
         The pipeline's settings.
+
+    Returns
+    -------
+    Predicted
+        One row for each of `rows`. Thrust, pull, margin and energy are NaN for wheels that do not roll.
     """
     wheels, count = settings.wheels, law.size
     laws = local_laws(soils, settings.wheels, rows, law)
@@ -139,8 +145,11 @@ def mobility(
 
 
 def _pulls(rows: Readings, at: Rolling, now: Believed) -> dict[str, Array]:
-    """Thrust, pull and energy per metre at the present slip; a torque is fused with both forces."""
-    # One measured slip is off by several newtons; the error of the mean over a step is in the filter's state.
+    """Thrust, pull and energy per metre at the present slip, and their deviations, by column of `Mobility`.
+
+    A measured torque corrects both forces. Slip is the mean of the last step if that has ended within 2 s.
+    """
+    # The error of one measured slip makes several newtons; that of a step's mean is in the filter's state.
     recent = rows.time - now.end <= RECENT
     mean = now.slips[np.arange(at.order.size), at.order]
     averaged = recent & np.isfinite(mean)
@@ -163,7 +172,7 @@ def _pulls(rows: Readings, at: Rolling, now: Believed) -> dict[str, Array]:
     index = np.arange(at.order.size)
     scale = np.exp(now.x[index, WHEELS + now.cells.shape[-1] + at.order])
     for i, name in enumerate(("thrust", "drawbar_pull")):
-        # Corrected by the torque of this moment where there is one.
+        # A torque measured at this row corrects the force.
         variance = rim_spread + scale**2 * noise + _LEAST_TORQUE**2
         innovation = 2.0 * torque / at.diameter - rim.value
         common = shared[i] + scale * noise
@@ -187,9 +196,10 @@ def _pulls(rows: Readings, at: Rolling, now: Believed) -> dict[str, Array]:
 def _margins(
     on: OnSoil, at: Rolling, reserve: Believed, settings: OnboardSettings, balanced: bool
 ) -> dict[str, Array]:
-    """Pull over load at the reference slip, and at the slip with which a vehicle makes no way.
+    """Pull over load at the reference slip, its deviation, and its gain at the slip at which nothing moves.
 
-    Neither falls on stiffer ground: where a wheel would pull more deeper, it is taken to be so deep.
+    Neither is smaller on stiffer ground: where a wheel would pull more at a larger sinkage, that is used.
+    balanced: whether the mass is known, so that a balance of forces has fitted the law.
     """
 
     def at_slip(value: float) -> Rolling:
@@ -211,9 +221,10 @@ def _margins(
 
 
 def _best_sinkage(on: OnSoil, at: Rolling, of: Believed, slip: Array) -> Array:
-    """Sinkage (m) at which each wheel pulls most: near its largest value a pull hardly changes.
+    """Sinkage (m) at which each wheel pulls most, (rows,).
 
-    So load to 10 %, n to 0.1 and one grip a cell will do: few different wheels are computed.
+    Near its largest value a pull hardly changes with sinkage, so that load is rounded to 10 %, n to 0.1 and
+    the effects' factor to 0.01: few different wheels have to be computed.
     """
     rows = np.arange(at.order.size)
     cell = WHEELS + 2 * of.cells.shape[-1] + of.cells[rows, at.order]

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether stretches lie on two soils, from how they differ from a law.
+"""Whether stretches lie on two soils, from their differences from a law.
 
-Waiting stretches of leading wheels, the furthest first, give for each possible border
+The shift is the change of ln k at a border, nu the innovations (m), and `by` the slope of sinkage by ln load.
+The stretches of leading wheels that wait to be used give for each possible border, with sums over the
+stretches beyond it,
 
-    shift    = sum(nu / by / v) / sum(1 / v),   v = var(nu of a stretch alone) / by^2
+    shift    = -sum(nu / by / v) / sum(1 / v),   v = var(nu of a stretch alone) / by^2
     variance = alike(rows) / sum(1 / v) + H P H / by^2
 
-All stretches of the last metres, compared with the law from before them, give
+where alike(rows) is the factor by which the correlation of neighbours increases the variance of a mean. All
+stretches of the last metres, compared with the law from before them, give
 
     shift = g^T S^-1 nu / (g^T S^-1 g),   variance = 1 / (g^T S^-1 g)
 
-S = H P H^T + R is their covariance, R as they count among their neighbours, and g is -by on
+S = H P H^T + R is their covariance, R that of stretches among their neighbours, and g is -by on
 stretches beyond a border and 0 before it. A border is reported where the shift is over 4.75
 deviations (6.25 on one row) and a factor of 1.25, and each wheel beyond it shows it.
 """
@@ -29,9 +32,9 @@ from .stretches import Stretches
 
 _LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
 # 24 tests a metre with four wheels: one false alarm in 1000 m at 4.75 for sums of many rows, whose errors are
-# near normal; one row alone has the tails of single places.
+# nearly normal; one row alone needs more deviations, since single places have heavier tails.
 _LEAST_SIGMA, _ONE_ROW = 4.75, 1.5
-# Of the shift that each wheel shows; deviations to which an innovation is cut.
+# Share of the shift that each wheel has to show; deviations to which an innovation is cut.
 _SHARE, _WILD = 0.3, 5.0
 _SUSPECTED = 3.0  # deviations of a border that may be there
 
@@ -42,13 +45,13 @@ class Border(NamedTuple):
     Attributes
     ----------
     place
-        Place at which the second soil begins, m along the path.
+        Place at which the second soil begins, along the vehicle's path, m; NaN if nothing could be tested.
     shift
-        Change of ln k there.
+        Change of ln k there; positive where the second soil is firmer.
     suspected
-        Whether there may be a border.
+        Whether any possible border is over 3 deviations.
     found
-        Whether the evidence suffices to report it.
+        Whether the evidence suffices to report the border. Otherwise `place` and `shift` mean nothing.
     """
 
     place: float = math.nan
@@ -63,11 +66,16 @@ def border_ahead(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
     Parameters
     ----------
     law
-        The law before the border.
+        Filter of the soil before the border.
     rows
-        Stretches ahead of those that the law has used, (rows,).
+        Stretches of leading wheels, ahead of those that the filter has used.
     wheels
         Number of wheels of the vehicle.
+
+    Returns
+    -------
+    Border
+        `found` is False without enough evidence.
     """
     rows = rows.take(np.argsort(-rows.place, kind="stable"))
     miss, state, variance, by_load = law.innovations(rows)
@@ -92,11 +100,16 @@ def border_behind(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
     Parameters
     ----------
     law
-        The law as it was some metres ago, before any of the stretches.
+        Filter of the soil as it was some metres ago, before any of the stretches.
     rows
-        All stretches since, (rows,).
+        All stretches since then.
     wheels
         Number of wheels of the vehicle.
+
+    Returns
+    -------
+    Border
+        `found` is False without enough evidence.
     """
     rows = rows.take(np.argsort(-rows.place, kind="stable"))
     miss, covariance, by_load = law.together(rows)
@@ -114,7 +127,11 @@ def border_behind(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
 
 
 def _likeliest(rows: Stretches, counts: Integers, own: Array, size: Array, sigma: Array) -> Border:
-    """Of a border after each row. counts, own: rows beyond, and shift, of each wheel, (rows, wheels)."""
+    """Choose the likeliest of the possible borders, one at each row; rows are sorted by falling place.
+
+    counts, own: number of rows beyond the border, and shift that these show, of each wheel, (rows, wheels).
+    size, sigma: shift by all wheels, and its size in deviations, (rows,).
+    """
     agree: Flags = ((counts == 0) | (own / size[:, None] > _SHARE)).all(axis=1)
     enough = (counts > 0).sum(axis=1) >= min(2, int((counts[-1] > 0).sum()))
     sigma = np.where(agree & enough & (np.abs(size) >= _LEAST_SHIFT), sigma, 0.0)
@@ -129,14 +146,21 @@ def _likeliest(rows: Stretches, counts: Integers, own: Array, size: Array, sigma
 
 
 def _shifts(score: Array, weight: Array) -> tuple[Array, Array]:
-    """Shift beyond each row and g^T S^-1 g. score, weight: of rows, and of pairs of them."""
+    """Shift for a border at each row, and g^T S^-1 g, (rows,).
+
+    score: g S^-1 nu of each row. weight: S^-1 of each pair of rows, times both slopes, (rows, rows).
+    """
     total = np.diag(np.cumsum(np.cumsum(weight, axis=0), axis=1))
     total = np.maximum(total, 1e-30)
     return np.cumsum(score) / total, total
 
 
 def _alike(lengths: Integers) -> Array:
-    """Variance of the mean over so many lengths, over that of independent single lengths."""
+    """Variance of a mean over path, over what it would be if stretches were independent, (rows,).
+
+    lengths: number of successive stretches in the mean. For an Ornstein-Uhlenbeck process whose correlation
+    has the length of a stretch.
+    """
     u = lengths.astype(float)
     mean_variance = 2.0 / u**2 * (u - 1.0 + np.exp(-u))
     return np.asarray(u * mean_variance / (2.0 * math.exp(-1.0)))

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which soil the wheels are on: stretches in, versions of the law out.
 
-Stretches that end in the same quarter of a second are taken together, at its end, and are used 0.6 m later.
-Whenever some come, those of leading wheels (that no other runs ahead of) are compared with the law
-(`border_evidence`). Beyond a border the law is reset to the prior, or to the one of four remembered soils
+Stretches that end in the same quarter of a second are taken together, at its end, and are used after another
+0.6 m. At each such time those of leading wheels, which run in no other wheel's track, are compared with the
+law (`border_evidence`). Beyond a border the law is reset to the prior, or to the one of four remembered soils
 under which these stretches are likelier; what is known of the sensors is kept. Stretches nearer to
 the border than their length are not used on either side.
 
 A border that 0.6 m do not show bends n and k within metres. The law is therefore stored every half
-metre, for 4 m, and all stretches since the oldest are compared with that. Where they show a border,
-the law returns to the stored state, uses what lies before the border, and is reset.
+metre, for 4 m, and all stretches since the oldest stored law are compared with that. Where they show a
+border, the law returns to the stored state, uses the stretches before the border, and is reset.
 
-Nothing counts as determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or
-pressure does not follow a power of depth (`shape`).
+Nothing counts as determined while a border is suspected by over 3 sigma, sinkages are far from predictions,
+the wheels hardly sink, or pressure does not follow a power of depth (`shape`).
 """
 
 from __future__ import annotations
@@ -50,20 +50,30 @@ from .sensors import StuckSensors, Weighing
 from .shape import EVERY, NEWEST, shape_doubt
 from .stretches import Stretches, length_of
 
-_PERIOD = SECOND // 4  # of the filter's work: a wheel closes a stretch in it at 0.8 m/s
-_WAIT, _MOST = 3.0, 8  # lengths that a stretch waits; stretches of a wheel that turns on the spot
-# Stretches of a soil before another is looked for; after which it is worth remembering.
+_PERIOD = SECOND // 4  # ns between updates of the filter: at 0.8 m/s a wheel closes a stretch in it
+_WAIT, _MOST = 3.0, 8  # lengths for which a stretch waits; stretches of one wheel that wait at most
+# Stretches of a soil from which on a border is looked for; from which on the soil is remembered.
 _TESTED, _SETTLED = 20, 10
-# m: over which a border is looked for again, and between laws that are kept for that.
+# m: path over which a border is looked for again; path between the laws that are kept for that.
 _BACK, _APART = 4.0, 0.5
 # Newest stretches whose predictions are looked at, and the mean of their squared innovations over what is
 # stated (each cut at 9) from which on predictions miss: 1 is right, and over 1.6 is rare where it is.
 _LATELY, _MISSES, _WORST = 24, 2.5, 9.0
-_DEEP = 3.0  # deviations of the zeros that wheels have to sink
+_DEEP = 3.0  # least sinkage, over the deviation of the sensors' zero
 
 
 class _Past(NamedTuple):
-    """The law as it was at a distance (m), and what it has used since, until the next one."""
+    """A law kept from earlier.
+
+    Attributes
+    ----------
+    distance
+        Path of the vehicle at which it was kept, m.
+    law
+        Filter of the soil as it was then.
+    used
+        Stretches used from then on, until the next law was kept.
+    """
 
     distance: float
     law: SoilFilter
@@ -72,7 +82,17 @@ class _Past(NamedTuple):
 
 @dataclass(frozen=True)
 class _Known:
-    """A soil that was met: mean and covariance of (ln z_ref, n, m)."""
+    """A soil that the vehicle has left.
+
+    Attributes
+    ----------
+    state
+        Mean and covariance of (u, n, m), with u the ln of the reference wheel's sinkage.
+    number
+        Number of the soil, as in `Version`.
+    variety
+        Ranges of the wheels and loads with which it was measured.
+    """
 
     state: Law
     number: int
@@ -82,18 +102,40 @@ class _Known:
 class Soils:
     """Assigns stretches to the soil that they lie on, and filters each soil.
 
+    Parameters
+    ----------
+    prior
+        Prior of the soil.
+    settings
+        Settings of the estimate that are about sensors and ground.
+    effects
+        Effects of the model.
+    wheels
+        All wheels.
+    mass
+        Mass of the vehicle, kg; 0 if unknown. It is compared with the loads only if these are measured.
+    gravity
+        Acceleration of gravity, m/s^2.
+
     Attributes
     ----------
     versions
         Versions of the law, the newest last.
     changes
-        How many borders were found.
+        Number of borders found.
     accepted, outliers
-        Readings used, and readings left out of their stretch's mean.
-    mass
-        Mass of the vehicle, kg; 0: unknown.
-    gravity
-        Acceleration of gravity, m/s^2.
+        Number of readings used, and of readings left out of their stretch's mean.
+    filter
+        Filter of the present soil; None before the first stretch.
+    variety
+        Ranges of the wheels and loads with which the present soil was measured.
+    length
+        Length of the longest kind of stretch of these wheels, m.
+
+    Raises
+    ------
+    EstimatorError
+        If an effect reads a column that no stream provides.
     """
 
     def __init__(
@@ -105,14 +147,14 @@ class Soils:
         mass: float = 0.0,
         gravity: float = GRAVITY,
     ) -> None:
-        covariates_of(effects)  # refuses what cannot be said, before the first message
+        covariates_of(effects)  # raises for effects that the robot cannot compute
         self.prior, self.settings, self.effects, self.wheels = prior, settings, effects, wheels
         self.mass = mass if settings.loads_measured else 0.0
         self.gravity = gravity
         self.length = max(map(length_of, wheels))
         self.changes = self.outliers = self._met = 0
         self.sensors = StuckSensors(len(wheels))
-        self._coming: Stretches | None = None  # of the period that is not over
+        self._coming: Stretches | None = None  # stretches of the period that is not over
         self._onward, self._distance, self._since = True, 0.0, NEVER
         self._leads = np.array(
             [[not ahead_of(wheels, w, way) for way in (-1.0, 1.0)] for w in wheels]
@@ -120,7 +162,7 @@ class Soils:
         self.versions = Versions(self._begin())
 
     def _begin(self) -> Version:
-        """Know nothing but the prior of the soil, whose number is `_met`: its first version."""
+        """Reset everything to the prior of a soil with the number `_met`; return its first version."""
         self.filter: SoilFilter | None = None
         self.waiting: Stretches | None = None
         self.health = FilterHealth()
@@ -145,7 +187,7 @@ class Soils:
     def take(
         self, closed: Stretches | None, rows: Readings, anew: Sequence[int] = ()
     ) -> tuple[Integers, Integers]:
-        """Update the soils with the stretches that close in these rows; those of one period together.
+        """Update the soils with the stretches that close in a block, by quarters of a second.
 
         Parameters
         ----------
@@ -154,13 +196,13 @@ class Soils:
         rows
             Readings of the block, at least one.
         anew
-            Stamps at which what was learnt before is dropped, ns.
+            Stamps at which everything learnt before is dropped, rising, ns.
 
         Returns
         -------
         own, newest : ndarray
-            Versions at each row, shape (rows,): of the soil under the wheel, from the stretches before it,
-            and of the newest soil.
+            Numbers of the versions at each row, shape (rows,): of the soil under the wheel, and of the soil
+            that the first wheels are on. Both rest only on stretches that closed before the row.
         """
         first = self.versions.count - 1
         stamps: list[int] = []  # from which on each new version holds
@@ -176,7 +218,7 @@ class Soils:
         return self._version_of(rows, first, np.array(stamps, dtype=np.int64))
 
     def _begin_anew(self, anew: Sequence[int], before: int) -> list[int]:
-        """Begin anew at the stamps (ns) that are new before one; which they are."""
+        """Begin anew at each stamp (ns) in `anew` that is new and below `before`; return these."""
         new = [stamp for stamp in anew if self._since < stamp < before]
         for self._since in new:
             self._met += 1
@@ -184,7 +226,10 @@ class Soils:
         return new
 
     def _periods(self, closed: Stretches | None, until: int) -> list[tuple[int, Stretches]]:
-        """Stretches by the end (ns) of their period and their way; those of one that is not over wait."""
+        """Group stretches by period and direction of travel, with the end of the period, ns.
+
+        Stretches of a period that is not over at `until` (ns) wait for a later block.
+        """
         if self._coming is not None:
             closed = self._coming if closed is None else Stretches.joined([self._coming, closed])
         if closed is None:
@@ -240,7 +285,7 @@ class Soils:
         self._absorb(self._ready(float(clear.distance[-1]) if used >= _SETTLED else math.inf))
 
     def _squares(self, rows: Stretches) -> Array:
-        """Squared innovations over their variances; NaN before the law is settled."""
+        """Squared innovations over their variances, (rows,); NaN before the law is settled."""
         law = self.filter
         if law is None or not law.settled:
             return np.full(len(rows), np.nan)
@@ -248,7 +293,7 @@ class Soils:
         return np.asarray(miss**2 / variance)
 
     def _moving(self, rows: Stretches) -> Flags:
-        """Which are of sensors that are not stuck; what waits of one that turns out to be is dropped."""
+        """Mask of stretches whose sensor is not stuck; waiting stretches of stuck sensors are dropped."""
         self.sensors.add(rows)
         stuck = self.sensors.stuck
         if self.waiting is not None and stuck.any():
@@ -256,7 +301,7 @@ class Soils:
         return np.asarray(~stuck[rows.wheel])
 
     def _ready(self, distance: float) -> Stretches | None:
-        """Take out the stretches that have waited long enough."""
+        """Take out of `waiting` the stretches to be used when the vehicle's path is `distance` (m)."""
         waiting = self.waiting
         if waiting is None:
             return None
@@ -300,7 +345,7 @@ class Soils:
         )  # fmt: skip
 
     def _doubt(self, law: SoilFilter) -> str:
-        """Why nothing is determined at this moment, whatever the deviations; empty for no reason."""
+        """Why nothing counts as determined at present, whatever the deviations; empty without a reason."""
         if self._suspected or self._doubted:
             return "another soil may have begun"
         times = math.sqrt(sum(self._lately) / _LATELY)
@@ -319,14 +364,17 @@ class Soils:
         return self._shape
 
     def _turn_back(self) -> None:
-        """The vehicle drives the other way: the last wheels come first, and places count from there."""
+        """Use all waiting stretches, and forget border and kept laws: the direction of travel has changed."""
         self._absorb(self._ready(math.inf))
         self._border = -math.inf
         self._past.clear()
         self._doubted = False
 
     def _changed(self) -> bool:
-        """Look for a border in what waits, and go on beyond it."""
+        """Look for a border among waiting stretches, and change to the soil beyond it.
+
+        Returns whether there was one.
+        """
         law, waiting = self.filter, self.waiting
         assert law is not None
         assert waiting is not None
@@ -340,7 +388,7 @@ class Soils:
         return border.found
 
     def _keep_law(self) -> bool:
-        """Keep the law as it is, each half of a metre; whether it was time for that."""
+        """Keep a copy of the law every half metre, once it is settled; return whether one was kept."""
         assert self.filter is not None
         if self._past and self._distance < self._past[-1].distance + _APART:
             return False
@@ -352,7 +400,10 @@ class Soils:
         return True
 
     def _had_changed(self) -> bool:
-        """Look for a border in what the law has used for the last metres, and go back to before it."""
+        """Look for a border among all stretches since the oldest kept law; return whether one was found.
+
+        Then the law returns to that one, and changes to the soil beyond the border.
+        """
         kept, waiting = self._past[0].law, self.waiting
         assert waiting is not None
         if kept.used < _TESTED:
@@ -366,9 +417,9 @@ class Soils:
         return border.found
 
     def _change(self, border: Border, used: Sequence[Stretches] = ()) -> None:
-        """Close the old soil, and go on with the prior or with a soil that is remembered.
+        """Finish the old soil, and continue with the prior or with a soil that is remembered.
 
-        used: what an earlier law had not used that has taken the place of the newest.
+        used: stretches that the newest law had used, if a kept one has replaced it.
         """
         place = border.place
         law, waiting = self.filter, self.waiting
@@ -411,7 +462,7 @@ class Soils:
     # -- files
 
     def record(self) -> SoilRecord | None:
-        """State of the newest soil, to be saved; None before anything was learnt about it."""
+        """Return the state of the newest soil to be saved; None before any stretch of it was used."""
         law = self.filter
         if law is None or not law.used:
             return None
@@ -427,9 +478,9 @@ class Soils:
         saved
             Reference wheel, mean and covariance.
         variety
-            Ranges of the wheels and loads it was measured with.
+            Ranges of the wheels and loads with which it was measured.
         accepted
-            Number of measurements that it rests on.
+            Number of readings that were used for it.
         """
         law = SoilFilter(self.prior, self.settings, self.effects, self.wheels, saved.reference)
         law.resume(saved.mean, saved.covariance, _SETTLED)
@@ -441,7 +492,11 @@ class Soils:
     def _version_of(
         self, rows: Readings, first: int, stamps: Integers
     ) -> tuple[Integers, Integers]:
-        """See `take`. first: number of the version that held before these rows."""
+        """Compute what `take` returns.
+
+        first: number of the version that held before these rows. stamps (ns): after which each newer version
+        holds.
+        """
         version = first + np.searchsorted(stamps, rows.stamp)
         places = np.array([w.longitudinal_position for w in self.wheels])[rows.wheel]
         place = rows.distance + np.where(rows.onward, places, -places)
@@ -453,11 +508,17 @@ class Soils:
         return np.where(place < border, old, version), version
 
     def forget(self, version: Integers) -> None:
-        """Drop versions that are not needed any more; keep these, the newest, and that before the border."""
+        """Drop versions that are not needed any more.
+
+        Parameters
+        ----------
+        version
+            Numbers of those to keep, any shape; the newest and the one before the last border are kept, too.
+        """
         self.versions.forget({*np.unique(version).tolist(), self.versions.newest.old})
 
 
 def _where(rows: Stretches, keep: Flags) -> Stretches:
-    """Some of the rows; all of them as they are."""
+    """Select rows by a mask of shape (rows,); without copying if it selects all."""
     found: Stretches = rows if keep.all() else rows.take(keep)
     return found

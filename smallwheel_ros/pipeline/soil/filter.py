@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soil's law from stretches: a bank of Kalman filters (filterpy) over the state of `law`.
+"""The soil's law from stretches: a bank of Kalman filters (filterpy) over the state of `soil/model.py`.
 
     predict   x <- x0 + F (x - x0),  P <- F P F + Q, with the distance ds travelled. F is diagonal:
               a = exp(-ds q^2/(2 std^2)) for the law, exp(-ds/100 m) for the sides, 1 for the rest;
@@ -8,8 +8,8 @@
               the newest x, until u moves by less than 0.01, at most 4 times (Bell and Cathey 1993). R is that
               of a stretch among its neighbours, increased by Huber's weight beyond 2.5 deviations.
     again     At the 40th stretch of a soil, and whenever there are half as many more, to the 456th, all are
-              used once more from its start, linearised about the newest x. Where the law moves by over half
-              a deviation, once more; where it still moves, it is not settled.
+              used again from its start, linearised about the newest x. While the law moves by over half a
+              deviation this is repeated, up to three times in all; where it still moves, it is not settled.
     between   All stretches are linearised about that same x. If each were linearised about its own, the
               differences between their slopes would seem to measure what no stretch separates (a zero, u
               and n; Huang, Mourikis and Roumeliotis 2008): n was 5.7 deviations off in a drive that keeps
@@ -18,14 +18,15 @@
     R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (s i z / 2)^2 + (ruts of many passes)
         + by^2 S^2 r w + A c
 
-S is the soil's deviation of ln k from place to place; A is the variance of shown sinkage that the
-load has no part in. Both are learnt from the innovations (`SoilScatter`). r and c are 2/e and 1 for
-a stretch alone, 2 and (1 + a)/(1 - a) for one among neighbours whose correlation is a; w, for one among
-neighbours, is the number of wheels that run in its track, since they meet the same places.
+`by` is the slope of sinkage by ln load. S is the soil's deviation of ln k from place to place; A is the
+variance of shown sinkage that does not scale with `by`. Both are learnt from the innovations
+(`SoilScatter`). r and c are 2/e and 1 for a stretch alone, 2 and (1 + a)/(1 - a) for one among neighbours
+whose correlation is a; w, for one among neighbours, is the number of wheels that run in its track, since they
+meet the same places.
 
 A wrong zero of the sinkage sensors bends u and n together, and far from linearly. There is
-therefore a filter for each of 11 zeros, each as uncertain of its own as about the distance to its
-neighbours (a sum of Gaussians; Alspach and Sorenson 1972). Together they make up the prior, with
+therefore a filter for each of 11 zeros, whose deviation about its zero is about the distance to the next one
+(a sum of Gaussians; Alspach and Sorenson 1972). Together they make up the prior, with
 twice its deviation of ln pressure, since a soil is often not the one that was named. One more
 filter, the first, has the named soil's deviation and a tenth of the prior's deviations of passes
 and zeros. Weights are shares times likelihoods to the power of 0.3, or, where it is less, of 1 over
@@ -69,8 +70,9 @@ from .scatter import LARGEST, SoilScatter
 from .sensors import CONTRADICTION
 from .stretches import Stretches
 
-# Zeros that the wide filters begin with, over the prior's deviation: sinh of equal steps, close where most
-# zeros are; shares by the Gaussian density; variance of each about its own. Together they are the prior.
+# Initial zeros of the eleven filters, over the prior's deviation: sinh of equal steps, close together where
+# most zeros are; their shares, by the Gaussian density; the variance of each about its zero. Together they
+# have the prior's variance.
 _REACH, _STEP = 5, 0.35
 _AT = _STEP * np.arange(-_REACH, _REACH + 1)
 _ZEROS, _OWN = np.sinh(_AT), (0.85 * _STEP * np.cosh(_AT)) ** 2
@@ -78,24 +80,44 @@ _SHARES = np.cosh(_AT) * np.exp(-0.5 * _ZEROS**2)
 _SHARES /= _SHARES.sum()
 _WHOLE = float(_SHARES @ (_ZEROS**2 + _OWN))  # variance of all together, to be 1
 _ZEROS, _OWN = _ZEROS / math.sqrt(_WHOLE), _OWN / _WHOLE
-_WIDE_SHARE = 0.5  # that anything is wrong at all: as likely as not
+_WIDE_SHARE = 0.5  # prior probability that a zero is wrong at all
+# Power of the likelihoods that choose a soil; part of a filter's weight that returns to its prior with each
+# update; least ln of a weight over the largest.
 _TEMPER, _FORGET, _LOWEST = 0.5, 0.002, -15.0
-# Of likelihoods that weigh the bank, at most: members differ by what the law bends to as well, so that a
-# zero would be known too well. Of 0.2 to 0.5, by a few drives of another author's simulator: hardly settled.
+# Largest power of the likelihoods that weigh the filters: these also differ by what the law adapts to, so
+# that a zero would be known too well. Chosen from 0.2 to 0.5 by a few drives of another author's simulator,
+# which hardly decide it.
 _POWER = 0.3
-# Stretches of a soil after which all are taken again; before the first time the law has been linearised only
-# at the prior, and nothing is determined (on "soil x0.5, n -0.2" it moved by 2 of its deviations then).
+# Numbers of stretches of a soil at which all are used again; before the first the law was linearised only at
+# the prior, and nothing is determined (on "soil x0.5, n -0.2" it moved by 2 of its deviations then).
 _AGAIN = (40, 60, 90, 135, 203, 304, 456)
-_STAYS, _ROUNDS = 0.5, 3
+_STAYS, _ROUNDS = 0.5, 3  # deviations that a settled law moves by at most; most repetitions
 _DRIFT = 0.02  # 1/sqrt(m), of ln pressure: over 100 m a soil may change by a fifth
-_SIDE_FADE = 100.0  # m, over which the sides come to differ by something else
+_SIDE_FADE = 100.0  # m, over which the difference between the two sides is correlated
 _HUBER, _ITERATIONS, _CLOSE = 2.5, 4, 0.01
-_UNSETTLED = 1.0  # m behind a border on which the soil may go on changing as it has begun to
-Law = tuple[Array, Array]  # mean (3,) and covariance (3, 3)
+_UNSETTLED = 1.0  # m beyond a border on which the soil may go on changing as it does at the border
+Law = tuple[Array, Array]  # mean (3,), and covariance (3, 3) or slopes by the state (3, size)
 
 
 class Member:
-    """One filter of the bank: a filter of filterpy, whose state is x - x0."""
+    """One filter of the bank.
+
+    Parameters
+    ----------
+    model
+        Model of the state.
+    mean, covariance
+        Initial mean and covariance of the state x, shape (size,) and (size, size).
+    log_share
+        ln of the filter's prior probability in the bank.
+
+    Attributes
+    ----------
+    kalman
+        The filter of filterpy, whose state is x - x0, with x0 the model's prior mean.
+    log_prior, log_weight
+        ln of the prior probability, and of the present weight up to a factor that all filters share.
+    """
 
     def __init__(self, model: LawModel, mean: Array, covariance: Array, log_share: float) -> None:
         self.model = model
@@ -104,23 +126,23 @@ class Member:
         self.log_prior = self.log_weight = log_share
 
     def copy(self) -> Member:
-        """A copy of the present state; arrays may be shared, as none is changed in place."""
+        """Return a copy of the present state; it shares arrays, since none is changed in place."""
         own = copy(self)
         own.kalman = copy(self.kalman)
         return own
 
     @property
     def x(self) -> Array:
-        """The state of `law`."""
+        """Mean of the state x of `soil/model.py`, shape (size,)."""
         return np.asarray(self.model.mean + self.kalman.x)
 
     def correct(self, x: Array, value: Array, H: Array, z: Array, noise: Array) -> None:
-        """Update from stretches, linearised at a state.
+        """Update the filter from stretches, with h linearised at a given state.
 
         Parameters
         ----------
         x
-            The state, shape (size,).
+            State at which h is linearised, shape (size,).
         value
             h(x), shape (stretches,), m.
         H
@@ -128,7 +150,7 @@ class Member:
         z
             Measured sinkages, shape (stretches,), m.
         noise
-            Diagonal of R, shape (stretches,), m^2.
+            Diagonal of their covariance R, shape (stretches,), m^2.
         """
         kalman = self.kalman
         kalman.dim_z = len(z)
@@ -139,17 +161,17 @@ class Member:
         kalman.x[N] = min(max(kalman.x[N], N_RANGE[0] - mean), N_RANGE[1] - mean)
 
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
-        """Use the vehicle's weight as a measurement of the sum of the loads; see `SoilFilter.weigh`.
+        """Use the vehicle's weight as a measurement of the sum of the loads.
 
-        Where the sum of the loads contradicts it by over 10 %, the scale of the loads is as
-        uncertain as that.
+        Where the sum of the loads differs from it by over 10 %, the difference is added to the uncertainty of
+        the load cells' scale.
 
         Parameters
         ----------
         loads
-            Loads of all wheels, shape (wheels,), N.
+            Loads shown by the cells of all wheels, shape (wheels,), N.
         weight, weight_std
-            Weight and its deviation, N.
+            Weight and its standard deviation, N.
         """
         x, kalman, reference = self.x, self.kalman, self.model.reference[0]
         own = WHEELS + EACH * np.arange(loads.size) + 1
@@ -170,12 +192,31 @@ class Member:
 class SoilFilter:
     """The bank of filters for one vehicle on one soil.
 
+    Parameters
+    ----------
+    prior
+        Prior of the soil.
+    settings
+        Settings of the estimate that are about sensors and ground.
+    effects
+        Effects of the model.
+    wheels
+        All wheels.
+    reference
+        Load (N), diameter and width (m) of the reference wheel.
+
     Attributes
     ----------
+    model
+        Model of the state.
+    scatter
+        Scatter of stretches, learnt from innovations.
+    bank
+        The twelve filters: first the one without wrong zeros, then those that begin with eleven zeros.
     mean, covariance
-        Mean and covariance of the state of `law`, shape (size,) and (size, size).
+        Mean and covariance of the state of `soil/model.py`, shape (size,) and (size, size).
     law
-        (ln pressure at the soil's reference, n, m), and their slopes by `mean`.
+        (ln pressure at the soil's reference, n, m), shape (3,), and their slopes by the state, (3, size).
     used
         Number of stretches of this soil that were used.
     settled
@@ -197,11 +238,11 @@ class SoilFilter:
         self.bank = self._bank(model.mean, model.fault_free(named), unnamed)
         drives = any(wheel.contact == ROLLING for wheel in wheels)
         drift = 2.0 * (prior.log_reference_pressure_std / _DRIFT) ** 2
-        self._fade = drift if drives else math.inf  # a rig presses into one soil
+        self._fade = drift if drives else math.inf  # m; a rig presses into one soil
         self._travelled = math.nan
-        self._border = (0.0, -math.inf)  # variance of u per m, to where (m)
-        self._store: list[Stretches] | None = []
-        # Where each filter is linearised, and the law there; None: at its newest x.
+        self._border = (0.0, -math.inf)  # variance that u gains per m, and up to which path (m)
+        self._store: list[Stretches] | None = []  # all of this soil; None when they are too many
+        # State at which each filter is linearised (None: its newest x), and the law there.
         self._about: list[Array] | None = None
         self._linear: Array = model.law(model.mean)[0]
         self.used, self.settled = 0, False
@@ -209,7 +250,10 @@ class SoilFilter:
         self._mix()
 
     def _bank(self, mean: Array, tight: Array, wide: Array) -> list[Member]:
-        """The filter without faults, and those that together are this Gaussian, each about its own zero."""
+        """Make the filter without wrong zeros, and eleven with different zeros.
+
+        mean: of the state. tight, wide: covariance of the first, and of the mixture of the eleven.
+        """
         by_zero = wide[:, ZERO] / math.sqrt(wide[ZERO, ZERO])
         members = [Member(self.model, mean, tight, math.log(1.0 - _WIDE_SHARE))]
         for at, own, share in zip(_ZEROS.tolist(), _OWN.tolist(), _SHARES.tolist(), strict=True):
@@ -219,7 +263,13 @@ class SoilFilter:
         return members
 
     def absorb(self, rows: Stretches) -> None:
-        """Update the soil from stretches that are ready together."""
+        """Update the soil from stretches, all at once, with the prediction over the path to the last of them.
+
+        Parameters
+        ----------
+        rows
+            The stretches, at least one, in the order in which they closed.
+        """
         self._travel(float(rows.distance[-1]), self.bank)
         mean = np.average(self._update(rows), axis=0, weights=self._weights)  # (5, rows)
         for i, wheel in enumerate(rows.wheel.tolist()):
@@ -248,11 +298,15 @@ class SoilFilter:
 
     @property
     def _power(self) -> float:
-        """Of likelihoods that weigh the bank: what the law has no part for makes neighbours alike."""
+        """Power of the likelihoods that weigh the filters; less where neighbouring errors are correlated."""
         return min(_POWER, 1.0 / self.scatter.alike)
 
     def _update(self, rows: Stretches) -> Array:
-        """Update of the filters; their first innovations: miss, variances, slopes, (12, 5, rows)."""
+        """Update the filters from stretches; return what `SoilScatter.learn` needs, (filters, 5, rows).
+
+        For each filter, linearised at its first state: innovation, its variance due to the state and in all,
+        that due to sensors and law, and slope of sinkage by ln load.
+        """
         count, z, many = len(rows), rows.sinkage, len(self.bank)
         each, power = Stretches.joined([rows] * many), self._power
         before = [(member.kalman.x, member.kalman.P) for member in self.bank]
@@ -284,10 +338,10 @@ class SoilFilter:
         return first
 
     def _again(self) -> float:
-        """Take all stretches of this soil again, linearised about the newest estimates.
+        """Use all stretches of this soil again from its start, linearised about the newest estimates.
 
-        Deviations by which the law moves: 0.25 at most in drives on soil of this law, 1 to 4 in 4 of 6 over
-        bedrock.
+        Returns the largest change of (ln p, n, m), in standard deviations: at most 0.25 in drives on soil of
+        this law, 1 to 4 in 4 of 6 over bedrock.
         """
         assert self._store is not None
         self._believe()
@@ -315,24 +369,27 @@ class SoilFilter:
         return self._moved(spread)
 
     def _linearise(self) -> list[Array]:
-        """Linearise each filter at its newest x from now on."""
+        """From now on linearise each filter at its present x; return these."""
         self._about, self._linear = [member.x for member in self.bank], self.law[0]
         return self._about
 
     def _moved(self, spread: Array | float = math.inf) -> float:
-        """By how many deviations, as they were or are, the law is off where it was linearised."""
+        """Largest distance of (ln p, n, m) from where they were linearised, in standard deviations.
+
+        spread: earlier deviations; of these and the present ones the smaller count.
+        """
         least = np.minimum(spread, self._deviations)
         return float((np.abs(self.law[0] - self._linear) / least).max())
 
     def _remember(self) -> None:
-        """From here on stretches are of this soil: what the bank is before them."""
+        """Keep the present filters as those from before the first stretch of this soil."""
         for member in self.bank:
             member.log_prior = member.log_weight
         self._started = [member.copy() for member in self.bank], self._travelled
         self._store, self._about = [], None
 
     def _mix(self) -> None:
-        """Weights relative to the best, none lost for ever; what is believed with them."""
+        """Scale the weights to the best filter, limit them so that every filter can recover, and mix."""
         best = max(member.log_weight for member in self.bank)
         for member in self.bank:
             faded = (1.0 - _FORGET) * (member.log_weight - best) + _FORGET * member.log_prior
@@ -340,7 +397,7 @@ class SoilFilter:
         self._believe()
 
     def _believe(self) -> None:
-        """Mean and covariance of the soil's numbers, and the law, by the weights as they are."""
+        """Compute mean and covariance of the state, and the law, from the filters by their weights."""
         likely = np.array([member.log_weight for member in self.bank])
         weights = np.exp(likely - likely.max())
         self._weights = weights / weights.sum()
@@ -355,7 +412,7 @@ class SoilFilter:
         return np.asarray(np.sqrt(np.diag(slopes @ self.covariance @ slopes.T)))
 
     def _of_wide(self, mean: Array) -> Array:
-        """Covariance about a mean of the filters in which all faults are free."""
+        """Covariance, about a mean, of the mixture of the eleven filters in which zeros may be wrong."""
         wide, bank = self._weights[1:] / self._weights[1:].sum(), self.bank[1:]
         off = np.array([member.x for member in bank]) - mean
         within = np.array([member.kalman.P for member in bank])
@@ -371,13 +428,28 @@ class SoilFilter:
 
     @property
     def likeliest(self) -> Law:
-        """Mean and covariance under the likelier hypothesis: zeros wrong, or not."""
+        """Mean and covariance of the state under the likelier hypothesis, that zeros are wrong or not.
+
+        Shape (size,) and (size, size).
+        """
         if self._weights[0] > 0.5:
             return self.bank[0].x, self.bank[0].kalman.P
         return self.widest, self._of_wide(self.widest)
 
     def innovations(self, rows: Stretches) -> tuple[Array, Array, Array, Array]:
-        """Innovations of stretches (m), variances by the state and in all (m^2), slopes by ln load (m)."""
+        """Compute innovations of stretches, each by itself, under the likelier hypothesis.
+
+        Parameters
+        ----------
+        rows
+            The stretches.
+
+        Returns
+        -------
+        miss, state, variance, by_load : ndarray
+            Shape (rows,): measured less predicted sinkage, m; its variance due to the state, and in all, m^2;
+            slope of the predicted sinkage by ln load, m.
+        """
         mean, covariance = self.likeliest
         shown = self.model.h(mean, rows)
         state = np.einsum("ri,ij,rj->r", shown.H, covariance, shown.H)
@@ -385,14 +457,26 @@ class SoilFilter:
         return rows.sinkage - shown.value, state, state + alone, shown.by_load
 
     def together(self, rows: Stretches) -> tuple[Array, Array, Array]:
-        """Innovations of many stretches together (m), their covariance (m^2), and slopes by ln load (m)."""
+        """Compute innovations of many stretches with their common covariance, about the mean of all filters.
+
+        Parameters
+        ----------
+        rows
+            The stretches.
+
+        Returns
+        -------
+        miss, covariance, by_load : ndarray
+            Measured less predicted sinkages, (rows,), m; their covariance, (rows, rows), m^2; slopes of the
+            predicted sinkages by ln load, (rows,), m.
+        """
         shown = self.model.h(self.mean, rows)
         _, counts, _ = self.scatter.noise(rows, shown)
         covariance = shown.H @ self.covariance @ shown.H.T + np.diag(counts)
         return rows.sinkage - shown.value, covariance, shown.by_load
 
     def copy(self) -> SoilFilter:
-        """Copy of the present state."""
+        """Return a copy, which updates of this filter by stretches do not change; `weigh` changes both."""
         own = copy(self)
         own.bank, own.scatter = [member.copy() for member in self.bank], self.scatter.copy()
         own._store = None if self._store is None else self._store.copy()
@@ -401,16 +485,17 @@ class SoilFilter:
     # -- another soil
 
     def reopen(self, law: Law | None, shift: float, distance: float) -> None:
-        """Start on another soil: reset the law to the prior or to a remembered one; keep the sensors' state.
+        """Start on another soil: reset the law to the prior or to a remembered one; keep the sensors' errors.
 
         Parameters
         ----------
         law
-            The remembered law; None for that of the prior.
+            Mean and covariance of (u, n, m) of a remembered soil, shape (3,) and (3, 3); None: the prior's.
         shift
-            ln of the factor by which the sinkage changes at the border.
+            Change of ln k at the border.
         distance
-            Path of the vehicle at the newest stretch that has not been used yet, m.
+            Path of the vehicle at the newest stretch that has not been used yet, m. Up to 1 m beyond it the
+            soil may go on changing.
         """
         self._border = ((shift / (self.mean[N] + 0.5)) ** 2, distance + _UNSETTLED)
         for i, member in enumerate(self.bank):
@@ -423,27 +508,27 @@ class SoilFilter:
         self._mix()
 
     def _prior_law(self, unnamed: bool) -> Law:
-        """That of a soil of which nothing is known. unnamed: whether it may be another than its name."""
+        """Prior mean and covariance of (u, n, m). unnamed: whether the soil may not be the named one."""
         model = self.model
         covariance = model.unnamed_covariance if unnamed else model.soil_covariance
         return model.mean[:LAW], covariance[:LAW, :LAW]
 
     def _with_law(self, x: Array, P: Array, law: Law) -> tuple[Array, Array]:
-        """The same with another law."""
+        """Return copies of a mean and covariance of the state in which (u, n, m) are those of a law."""
         x, P = x.copy(), P.copy()
         P[:LAW, :] = P[:, :LAW] = 0.0
         x[:LAW], P[:LAW, :LAW] = law
         return x, P
 
     def resume(self, mean: Array, covariance: Array, used: int) -> None:
-        """Continue from a saved state, which has no parameters of single wheels.
+        """Continue from a saved state, which has no errors of single wheels' sensors.
 
         Parameters
         ----------
         mean
-            Shape (WHEELS,).
+            Mean of the first numbers of the state, shape (WHEELS,).
         covariance
-            Shape (WHEELS, WHEELS).
+            Their covariance, shape (WHEELS, WHEELS).
         used
             Number of stretches that count as used.
         """
@@ -458,14 +543,21 @@ class SoilFilter:
         self._mix()
 
     def log_likelihood(self, law: Law | None, rows: Stretches) -> float:
-        """Compute ln likelihood of stretches under a law, in ln of sinkage, linearised about the law.
+        """Compute the ln likelihood of stretches on a soil, to compare soils with each other.
+
+        It is that of ln sinkage, linearised at the law, and halved: a likelihood to the power of 0.5.
 
         Parameters
         ----------
         law
-            A remembered law; None for that of the prior.
+            Mean and covariance of (u, n, m) of a remembered soil, shape (3,) and (3, 3); None: the prior's.
         rows
             The stretches.
+
+        Returns
+        -------
+        float
+            Up to a constant that is the same for all laws.
         """
         x, P = self._with_law(*self.likeliest, law or self._prior_law(False))
         shown = self.model.h(x, rows)
@@ -478,17 +570,17 @@ class SoilFilter:
         return float(-0.5 * _TEMPER * (miss @ np.linalg.solve(variance, miss) + determinant))
 
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
-        """Use the vehicle's weight: the sum that the loads of all wheels should have.
+        """Use the vehicle's weight as a measurement of the sum of the loads.
 
-        It has also been true earlier: if all stretches of this soil are still stored, they are used again
-        with it.
+        If all stretches of this soil are still stored, they are used again after it, since the weight was the
+        same from the start.
 
         Parameters
         ----------
         loads
-            Shape (wheels,), N.
+            Loads shown by the cells of all wheels, shape (wheels,), N.
         weight, weight_std
-            Weight and its deviation, N.
+            Weight and its standard deviation, N.
         """
         started, _ = self._started
         whole = self._store is not None and sum(map(len, self._store)) == self.used
@@ -504,7 +596,11 @@ class SoilFilter:
 def _weighted(
     member: Member, H: Array, miss: Array, alone: Array, counts: Array, power: float
 ) -> tuple[Array, Array]:
-    """Variances of innovations by the state, and of stretches as they count; the filter's weight learns."""
+    """Update a filter's weight by the likelihood of innovations, and weigh outliers down.
+
+    miss: innovations, m. alone, counts: variances of a stretch alone, and of one among neighbours, m^2.
+    Returns the variances of the innovations due to the state, and `counts` increased for outliers, m^2.
+    """
     state = np.einsum("ri,ij,rj->r", H, member.kalman.P, H)
     squares = miss * miss / (state + alone)
     likely = np.minimum(squares, LARGEST) + np.log(state + alone)
@@ -513,6 +609,6 @@ def _weighted(
 
 
 def _huber(squares: Array) -> Array:
-    """Factors on R for squared normalised innovations: less and less weight beyond `_HUBER`."""
+    """Factors on R by squared normalised innovations: 1 up to `_HUBER` deviations, beyond it they grow."""
     size = np.maximum(1.0, np.sqrt(squares) / _HUBER)
     return np.where(size < 2.0, size, 0.5 * size * size)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the measured sinkages are as the soil's filter expects them."""
+"""Whether innovations of the soil's filter are as large as it expects."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from smallwheel_ros.pipeline.tables import Array
 
 from .stretches import Stretches
 
-_RECENT, _ENOUGH_STRETCHES = 100, 30  # stretches; before anything is reported
-_MANY_LEFT_OUT = 0.2  # share of readings
-_TOO_SURE, _TOO_MODEST = 2.0, 0.15  # mean of squared normalised innovations; 1 is right
-_LARGEST = 25.0  # a border shows some that are huge until it is found
+_RECENT, _ENOUGH_STRETCHES = 100, 30  # newest stretches that count; least number to report anything
+_MANY_LEFT_OUT = 0.2  # share of readings left out, above which it is reported
+# Mean of squared normalised innovations above which, and below which, it is reported; 1 is right.
+_TOO_SURE, _TOO_MODEST = 2.0, 0.15
+_LARGEST = 25.0  # squares are limited to this: at a border some are huge until it is found
 
 
 class FilterHealth:
-    """Consistency of the newest 100 stretches: normalised squared innovations, and readings left out.
+    """Consistency of the newest 100 stretches: squared normalised innovations, and readings left out.
 
-    With a right model and right noise the mean of the squares is 1.
+    With a right model and right noise parameters the mean of the squares is 1.
     """
 
     def __init__(self) -> None:
@@ -34,21 +35,21 @@ class FilterHealth:
         Parameters
         ----------
         rows
-            The stretches.
+            The stretches, of which the numbers of readings are used.
         squares
-            Squared normalised innovations, shape (rows,); NaN where the law is not settled.
+            Their squared innovations over the variances, shape (rows,); NaN is left out.
         """
         self._readings.extend(zip(rows.count.tolist(), rows.dropped.tolist(), strict=True))
         self._squares.extend(np.minimum(squares[np.isfinite(squares)], _LARGEST).tolist())
 
     def forget(self) -> None:
-        """Start anew on another soil, to which the recent misfit was due."""
+        """Drop all stretches, since those before a border misfit the new soil."""
         self._squares.clear()
         self._readings.clear()
 
     @property
     def count(self) -> int:
-        """Number of readings counted."""
+        """Number of readings of sinkage in these stretches, those left out included."""
         return sum(map(sum, self._readings))
 
     @property
@@ -58,12 +59,12 @@ class FilterHealth:
 
     @property
     def outlier_share(self) -> float:
-        """Share of readings that were left out, 0 .. 1."""
+        """Share of these readings that were left out, 0 to 1."""
         return sum(dropped for _, dropped in self._readings) / max(self.count, 1)
 
     @property
     def concern(self) -> str:
-        """Say what is wrong; empty where nothing is."""
+        """What is wrong, and its likely causes, in words; empty if nothing is."""
         mean = self.mean_square
         if len(self._readings) >= _ENOUGH_STRETCHES and self.outlier_share > _MANY_LEFT_OUT:
             return (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soil's estimate in the terms of the field; what the data determines of it, and what it cannot."""
+"""The soil's estimate as reported: its parameters, which of them are determined, and why others are not."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .model import N_RANGE
 
 Array = NDArray[np.float64]
 
-DETERMINED = 0.5  # posterior over prior standard deviation, at most
-_SAME_DIAMETER = 1.05  # largest over smallest
-_SAME_LOAD = 1.3
-# Deviations of n from an end of its range within which it is the range that speaks: of an n that is known,
-# and of one that is not.
+DETERMINED = 0.5  # largest ratio of posterior to prior standard deviation of a determined parameter
+_SAME_DIAMETER = 1.05  # largest over smallest diameter up to which diameters count as one
+_SAME_LOAD = 1.3  # largest over smallest load per width up to which load hardly varies
+# Distance of n from an end of its range, in standard deviations, within which it counts as at the end: of an
+# n that is determined, and of one that is not.
 _AT_BOUND, _ON_BOUND = 2.0, 0.5
 
 
@@ -31,8 +31,16 @@ class Identifiable(NamedTuple):
 
     At half, three quarters of the information is from the data. False means that the value is
     essentially the prior's, or that everything is in doubt: an effect is missing in the model, which
-    bends the parameters, or the newest sinkages contradict the law. The modulus is judged at the
-    reference diameter.
+    bends the parameters, or the newest sinkages contradict the law.
+
+    Attributes
+    ----------
+    k, n, m
+        The constants of p = k z^n D^m.
+    effective_modulus
+        k D^m at the estimate's reference diameter.
+    reference_pressure
+        Pressure at the estimate's reference sinkage and diameter.
     """
 
     k: bool
@@ -44,13 +52,21 @@ class Identifiable(NamedTuple):
 
 @dataclass(frozen=True)
 class Variety:
-    """Ranges of diameter (m) and of load per width (N/m) over the accepted measurements."""
+    """Ranges of wheels and loads over the accepted measurements.
+
+    Attributes
+    ----------
+    diameters
+        Smallest and largest diameter, m; None before the first measurement.
+    loadings
+        Smallest and largest load over width, N/m; None before the first measurement.
+    """
 
     diameters: tuple[float, float] | None = None
     loadings: tuple[float, float] | None = None
 
     def with_wheel(self, diameter: float, loading: float) -> Variety:
-        """Ranges widened by one measurement.
+        """Return the ranges widened to include one measurement.
 
         Parameters
         ----------
@@ -72,36 +88,37 @@ class Variety:
 
 @dataclass(frozen=True, eq=False)
 class SoilEstimate:
-    """The present estimate of the soil under the wheels; every number is finite, SI units.
+    """The present estimate of the soil under the wheels; every number is finite.
 
     Attributes
     ----------
     k, n, m
-        The law p = k z^n D^m; k in Pa/m^(n+m).
+        Constants of the law p = k z^n D^m; k in Pa/m^(n+m).
     log_pressure
         ln of the pressure (Pa) at `reference_sinkage` under a wheel of `reference_diameter`.
     log_covariance
-        Covariance of (log_pressure, n, m), shape (3, 3): the one to compute with.
+        Covariance of (log_pressure, n, m), shape (3, 3). Use it for computations, rather than `covariance`.
     prior_covariance
-        `log_covariance` as it was before the first measurement.
+        `log_covariance` before the first measurement, shape (3, 3).
     reference_sinkage, reference_diameter
-        m.
+        Sinkage and wheel diameter at which `log_pressure` is stated, m.
     variety
         Ranges of diameter and load over the accepted measurements.
     accepted, outliers
-        Number of measurements that updated the estimate, and of those that did not fit it.
+        Number of readings of sinkage that were used, and of those left out since they did not fit the others
+        of their 0.2 m of path.
     soil_changes
-        How many borders to another soil were found.
+        Number of borders to another soil that were found.
     distance
-        Travel (m) of the newest measurement.
+        Path of the vehicle at the newest measurement, m.
     missing_effect
-        The alarm that the model misses an effect, None while there is none.
+        The alarm that the model lacks an effect; None while there is none.
     settled
         Whether enough was measured for the stated deviations to hold; before, nothing counts as determined.
     doubt
         Why nothing counts as determined at present, in words; empty without such a reason.
     state
-        Estimated errors of sensors and ground; None before the first stretch of path.
+        The filter's state, with estimated errors of sensors and ground; None before any measurement.
     """
 
     k: float
@@ -124,24 +141,27 @@ class SoilEstimate:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of (k, n, m), shape (3, 3), linearised at the estimate."""
+        """Covariance of (k, n, m), shape (3, 3), linearised at the estimate; k in Pa/m^(n+m)."""
         slopes = np.eye(3)
         slopes[0] = self.k * self._log_modulus_row(1.0)
         return seen_as(slopes, self.log_covariance)
 
     @property
     def reference_pressure(self) -> float:
-        """Pa, at `reference_sinkage` under a wheel of `reference_diameter`."""
+        """Pressure at `reference_sinkage` under a wheel of `reference_diameter`, Pa."""
         return math.exp(self.log_pressure)
 
     @property
     def reference_pressure_std(self) -> float:
-        """Pa."""
+        """Standard deviation of `reference_pressure`, Pa."""
         return self.reference_pressure * math.sqrt(self.log_covariance[0, 0])
 
     @cached_property
     def remaining(self) -> Mapping[str, float]:
-        """Ratio of posterior to prior standard deviation of what `Identifiable` judges, by name."""
+        """Ratio of posterior to prior standard deviation, 1, of each parameter in `Identifiable`, by name.
+
+        Those of k, the modulus and the pressure are of their logarithms.
+        """
         rows = self._rows
         after, before = (
             np.einsum("ij,jk,ik->i", rows, covariance, rows)
@@ -152,13 +172,16 @@ class SoilEstimate:
 
     @property
     def _rows(self) -> Array:
-        """Slopes of ln k, n, m, ln modulus, ln pressure by (ln pressure, n, m); (5, 3)."""
+        """Slopes of (ln k, n, m, ln effective modulus, ln pressure) by (ln pressure, n, m), (5, 3)."""
         of_k, of_modulus = map(self._log_modulus_row, (1.0, self.reference_diameter))
         return np.array([of_k, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], of_modulus, [1.0, 0.0, 0.0]])
 
     @cached_property
     def in_doubt(self) -> str:
-        """Why nothing counts as determined although the deviations are small; empty without such a reason."""
+        """Why nothing counts as determined, whatever the deviations, in words; empty without a reason.
+
+        A missing effect, n at an end of its range, or `doubt`.
+        """
         if self.missing_effect is not None:
             return self._misses
         std = math.sqrt(max(self.log_covariance[1, 1], 0.0))
@@ -172,14 +195,14 @@ class SoilEstimate:
 
     @cached_property
     def identifiable(self) -> Identifiable:
-        """What the data has determined."""
+        """Which parameters the data has determined; none while the estimate is unsettled or in doubt."""
         sound = self.settled and not self.in_doubt
         known = {name: sound and left <= DETERMINED for name, left in self.remaining.items()}
         return Identifiable(**known)
 
     @property
     def status(self) -> tuple[str, ...]:
-        """Say what is not determined, and why; empty where everything is."""
+        """Sentences that say what is not determined, and why; empty if everything is."""
         if self.in_doubt and self.accepted:
             return (f"nothing is determined: {self.in_doubt}",)
         limits = dict.fromkeys(Identifiable._fields, "")
@@ -189,13 +212,13 @@ class SoilEstimate:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Further findings about soil and sensors, in words."""
+        """Further findings about the soil, in words: how much sinkage grows with slip, if it surely does."""
         shown = "" if self.state is None else self.state.slip_sinkage
         return (shown,) if shown else ()
 
     @property
     def verdicts(self) -> dict[str, str]:
-        """For each parameter, whether the data has determined it, and how far."""
+        """Whether each parameter is determined, with its ratio of deviations (%), in words, by name."""
         found, but = {}, self.in_doubt and f" ({self.in_doubt})"
         for name, left in self.remaining.items():
             known = "determined" if getattr(self.identifiable, name) else f"not determined{but}"
@@ -208,9 +231,17 @@ class SoilEstimate:
         return "" if missing is None else f"the model misses an effect, {missing.effect}"
 
     def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
-        """K = k D^m and its standard deviation (Pa/m^n) for a wheel diameter (m), or the reference diameter.
+        """Compute K = k D^m, and its standard deviation to first order.
 
-        The deviation is linearised.
+        Parameters
+        ----------
+        diameter
+            Wheel diameter, m; None: the reference diameter.
+
+        Returns
+        -------
+        modulus, deviation : float
+            Pa/m^n.
         """
         row = self._log_modulus_row(self.reference_diameter if diameter is None else diameter)
         modulus = math.exp(row @ (self.log_pressure, self.n, self.m))
@@ -218,25 +249,25 @@ class SoilEstimate:
         return modulus, modulus * math.sqrt(max(variance, 0.0))
 
     def _log_modulus_row(self, diameter: float) -> Array:
-        """Weights of (log_pressure, n, m) in ln(k D^m) of a diameter (m)."""
+        """Weights of (log_pressure, n, m) in ln(k D^m) for a diameter (m), (3,)."""
         across = math.log(diameter / self.reference_diameter)
         return np.array([1.0, -math.log(self.reference_sinkage), across])
 
 
 def seen_as(slopes: Array, covariance: Array) -> Array:
-    """Compute the covariance of slopes @ x, exactly symmetric.
+    """Compute the covariance of linear functions of x, exactly symmetric.
 
     Parameters
     ----------
     slopes
-        Shape (rows, size).
+        Slopes of the functions by x, shape (functions, size).
     covariance
         Covariance of x, shape (size, size).
 
     Returns
     -------
     ndarray
-        Shape (rows, rows).
+        Shape (functions, functions).
     """
     whole = slopes @ covariance @ slopes.T
     found: Array = 0.5 * (whole + whole.T)
@@ -244,7 +275,18 @@ def seen_as(slopes: Array, covariance: Array) -> Array:
 
 
 def before_driving(diameters: Iterable[float]) -> tuple[str, ...]:
-    """Say what these wheels (diameters in m) cannot determine, wherever they drive."""
+    """Say which parameters wheels cannot determine wherever they drive.
+
+    Parameters
+    ----------
+    diameters
+        Diameters of the wheels whose sinkage is measured, m.
+
+    Returns
+    -------
+    tuple of str
+        One sentence if all diameters are the same within 5 %; empty otherwise, or without any wheel.
+    """
     sizes = sorted(diameters)
     if not sizes or sizes[-1] > _SAME_DIAMETER * sizes[0]:
         return ()
@@ -260,7 +302,8 @@ def _in_words(
 ) -> tuple[str, ...]:
     """Say what is not determined, and why.
 
-    limits: by name, what limits a parameter; empty where only the amount of data does.
+    accepted: number of readings used. limits: what limits each parameter of `Identifiable`, in words, by
+    name; empty where it is the amount of data.
     """
     if variety.diameters is None or variety.loadings is None:
         return ("no measurement yet: soil and uncertainty are the prior's",)

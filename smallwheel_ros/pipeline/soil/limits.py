@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What keeps a parameter of the soil from being known better.
+"""Which error of sensors or ground limits the accuracy of a parameter of the soil.
 
 Errors of sensors and ground are part of the filter's state. If a group g of them were known exactly, the
 variance v of a parameter would fall by the share
@@ -7,7 +7,7 @@ variance v of a parameter would fall by the share
     share = c^T C_gg^-1 c / v,    c = C_g. a
 
 with C the covariance of the state, and a the slopes of the parameter by the state. The group with
-the largest share is the limit if that is over a third; otherwise the amount of data is.
+the largest share is the limit if its share is over a third; otherwise the amount of data is.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from .model import (
     ZERO,
 )
 
-_LIMITS = 1.0 / 3.0  # least share of the variance
-_SHOWS = 2.5  # deviations from which on slip sinkage is reported
-# Groups of the state: numbers of all wheels, and those of each; what is not known where the group is the
-# limit, and what would help.
+_LIMITS = 1.0 / 3.0  # share of the variance above which a group is a limit
+_SHOWS = 2.5  # deviations from 0 above which slip sinkage is reported
+# Groups of the state: indices of what all wheels share, and offsets in the numbers of each wheel; the words
+# where the group is the limit, and the advice.
 _GROUPS = (
     ((ZERO,), (0,), "the zero of the sinkage sensors is known to {mm:.1f} mm",
      "take it with the wheels lifted, and give its deviation as sinkage_zero_std"),
@@ -58,14 +58,14 @@ _GROUPS = (
 
 @dataclass(frozen=True, eq=False)
 class StateBelief:
-    """Estimated errors of sensors and ground: the filter's state apart from the soil's own parameters.
+    """State of the soil's filter, with the estimated errors of sensors and ground.
 
     Attributes
     ----------
     slopes
-        Slopes of (ln pressure at the reference, n, m) by the state, (3, size).
+        Slopes of the law, (ln pressure at the estimate's reference, n, m), by the state, (3, size).
     mean, covariance
-        Mean and covariance of the state, (size,) and (size, size).
+        Mean and covariance of the state (`soil/model.py`), (size,) and (size, size).
     """
 
     slopes: Array
@@ -73,12 +73,17 @@ class StateBelief:
     covariance: Array
 
     def limits(self, rows: Array) -> list[str]:
-        """Name what limits some parameters, where it is not the amount of data.
+        """Describe the error that limits each of some parameters, and what would reduce it.
 
         Parameters
         ----------
         rows
-            Slopes of the parameters by (ln pressure, n, m), (parameters, 3).
+            Slopes of the parameters by the law, (ln pressure, n, m), shape (parameters, 3).
+
+        Returns
+        -------
+        list of str
+            In words, one for each parameter; empty where the amount of data is the limit.
         """
         by_state = rows @ self.slopes
         across = by_state @ self.covariance
@@ -90,7 +95,7 @@ class StateBelief:
         return [groups[group][1] if known else "" for group, known in both]
 
     def _groups(self) -> list[tuple[list[int], str]]:
-        """Indices of each group, and its words with the deviation of its first number."""
+        """Indices in the state of each group, and its words with the deviation of its first number."""
         wheels = range(WHEELS, self.mean.size, EACH)
         groups = []
         for common, each, words, advice in _GROUPS:
@@ -101,14 +106,18 @@ class StateBelief:
         return groups
 
     def _removed(self, across: Array, index: list[int]) -> Array:
-        """Variance of each number that would go if these of the state were known, (numbers,)."""
+        """By how much the variance of each parameter would fall if a group were known, (parameters,).
+
+        across: slopes of the parameters by the state, times the covariance, (parameters, size). index: of the
+        group in the state.
+        """
         own, shared = self.covariance[np.ix_(index, index)], across[:, index]
         inverse = np.linalg.pinv(own, hermitian=True)
         return np.asarray(np.einsum("ij,jk,ik->i", shared, inverse, shared))
 
     @property
     def slip_sinkage(self) -> str:
-        """Say how much slip adds to the sinkage; empty below 2.5 deviations."""
+        """How much sinkage grows with slip, in words; empty where that is below 2.5 standard deviations."""
         value, variance = float(self.mean[SLIP]), float(self.covariance[SLIP, SLIP])
         if value <= _SHOWS * math.sqrt(max(variance, 0.0)):
             return ""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soil's law from each stretch on, and under single wheels."""
+"""Versions of the soil's law, and the law under single wheels.
+
+The law is (ln p, n, m): p is the pressure (Pa) at the soil's reference, which is `REFERENCE_SINKAGE` under a
+wheel of `REFERENCE_DIAMETER`; n and m are the exponents of p = k z^n D^m.
+"""
 
 from __future__ import annotations
 
@@ -38,35 +42,36 @@ from .stretches import WheelsUnderLoad
 
 @dataclass(frozen=True)
 class Version:
-    """The soil's law from one stretch on, with everything that is reported of the soil.
+    """The soil's law as believed after some stretches, with everything that is reported of the soil.
 
     Attributes
     ----------
     model
-        The model of the state; None before any stretch.
+        The model of the filter's state; None before any stretch.
     law, slopes
-        ln pressure at the soil's reference, n and m, and their slopes by `mean`.
+        (ln p, n, m) of the soil, shape (3,), and their slopes by `mean`, shape (3, size).
     mean, covariance
-        Mean and covariance of the soil's state (`law`); before any stretch of the law alone.
+        Mean and covariance of the filter's state (`soil/model.py`), shape (size,) and (size, size); before
+        any stretch those of the law alone, with a size of 3.
     scatter
-        Variances of ln k and of sinkage from place to place.
+        Variances from place to place of ln k, and of sinkage in addition, m^2.
     number
         Number of the soil, in the order in which soils were found.
     settled, doubt
         See `SoilEstimate`.
     accepted, outliers
-        Readings used, and left out, up to here.
+        Number of readings used, and of readings left out, so far.
     border, old
-        Where this soil begins along the vehicle's path, m; wheels that have not reached it are on version
-        `old`.
+        Where this soil begins along the vehicle's path, m; wheels that have not reached it are on the version
+        of number `old`.
     variety
         Ranges of diameter and load over the stretches used.
     missing, missed_variance
-        Effect that the model lacks, and the variance of ln k due to that; `scatter` includes it.
+        Effect that the model lacks, or None, and the variance of ln k due to that; `scatter` includes it.
     changes
-        How many borders were found up to here.
+        Number of borders found so far.
     distance
-        Path of the vehicle up to here, m.
+        Path of the vehicle so far, m.
     """
 
     model: LawModel | None
@@ -96,12 +101,11 @@ class LocalLaws(Columns):
     Attributes
     ----------
     law
-        ln pressure (Pa) at the soil's reference, n and m, (rows, 3).
+        (ln p, n, m) under the wheel, (rows, 3).
     log_scale, zero
-        ln of the load cell's scale; its zero, N, (rows,).
+        ln of the load cell's scale, and its zero, N, (rows,).
     covariance
-        Covariance of `law`, and of the errors of `-log_scale` and `-zero`, in the product of their units,
-        (rows, 5, 5).
+        Covariance of (ln p, n, m, -log_scale, -zero), (rows, 5, 5).
     """
 
     law: Array
@@ -110,16 +114,34 @@ class LocalLaws(Columns):
     covariance: Array
 
     def net(self, shown: Array) -> Array:
-        """Loads (N) as shown by the cells, minus the cells' zeros."""
+        """Return loads shown by the cells, less the cells' zeros, but at least 0.15 of what is shown.
+
+        Parameters
+        ----------
+        shown
+            Loads shown by the cells, shape (rows,), N.
+        """
         net: Array = np.maximum(shown - self.zero, LEAST_SHARE * shown)
         return net
 
     def load(self, shown: Array) -> Array:
-        """Loads (N) that the wheels carry, for loads shown by the cells."""
+        """Return the loads that the wheels carry, without the cells' errors of zero and scale.
+
+        Parameters
+        ----------
+        shown
+            Loads shown by the cells, shape (rows,), N.
+        """
         return np.asarray(self.net(shown) * np.exp(-self.log_scale))
 
     def with_load(self, shown: Array) -> Array:
-        """Covariance of (ln p, n, m, ln load), without the noise of the load, (rows, 4, 4)."""
+        """Return the covariance of (ln p, n, m, ln load), without the noise of the load, (rows, 4, 4).
+
+        Parameters
+        ----------
+        shown
+            Loads shown by the cells, shape (rows,), N.
+        """
         turn = np.zeros((shown.size, 4, 5))
         turn[:, range(4), range(4)] = 1.0
         turn[:, 3, 4] = 1.0 / self.net(shown)
@@ -130,7 +152,7 @@ class LocalLaws(Columns):
 def local_laws(
     versions: Versions[Version], wheels: Sequence[Wheel], rows: Readings, version: Integers
 ) -> LocalLaws:
-    """Compute the law under each wheel.
+    """Compute the law of the soil under the wheel at each row.
 
     Parameters
     ----------
@@ -139,9 +161,14 @@ def local_laws(
     wheels
         All wheels.
     rows
-        Readings.
+        Readings, of which the wheel and its passes are used.
     version
         Number of each row's version, shape (rows,).
+
+    Returns
+    -------
+    LocalLaws
+        A row for each of `rows`.
     """
     count = version.size
     law, scale, zero = np.empty((count, 3)), np.zeros(count), np.zeros(count)
@@ -175,7 +202,7 @@ def local_laws(
 def sinkages(
     versions: Versions[Version], rows: WheelsUnderLoad, version: Integers
 ) -> tuple[Array, Array]:
-    """Predict the sinkage of wheels, and its variance due to law, place and load.
+    """Predict the sinkage of wheels, without their sensors' errors, and its variance.
 
     Parameters
     ----------
@@ -189,7 +216,8 @@ def sinkages(
     Returns
     -------
     sinkage, variance : ndarray
-        Shape (rows,), m and m^2; NaN before any stretch.
+        Shape (rows,), m and m^2; the variance is due to law, model, place, load, rut and slip. NaN for
+        versions before any stretch.
     """
     value, variance = np.full((2, version.size), np.nan)
     of = [versions[number] for number in version.tolist()]
@@ -212,25 +240,42 @@ def sinkages(
 
 
 def constants(law: Array) -> tuple[float, float, float]:
-    """k (Pa/m^(n+m)), n and m of ln pressure at the soil's reference, n and m."""
+    """Return the constants of p = k z^n D^m.
+
+    Parameters
+    ----------
+    law
+        (ln p, n, m), shape (3,).
+
+    Returns
+    -------
+    k, n, m : float
+        Pa/m^(n+m), 1, 1.
+    """
     log_pressure, n, m = law.tolist()
     return math.exp(log_pressure - n * LOG_DEPTH - m * math.log(REFERENCE_DIAMETER)), n, m
 
 
 def law_of(version: Version) -> Law:
-    """Mean and covariance of (ln pressure at the soil's reference, n, m)."""
+    """Return mean and covariance of (ln p, n, m), shape (3,) and (3, 3).
+
+    Parameters
+    ----------
+    version
+        Version of the soil's law.
+    """
     return version.law, version.slopes @ version.covariance @ version.slopes.T
 
 
 class Reported:
-    """Turns versions of a soil's law into estimates, stated at the reference sinkage and one diameter.
+    """Turns versions of a soil's law into estimates whose pressure is that under one wheel diameter.
 
     Parameters
     ----------
     prior
         Prior of the soil, whose covariance the estimates include for comparison.
     diameter
-        The diameter, m.
+        Wheel diameter for which estimates state the pressure at `REFERENCE_SINKAGE`, m.
     """
 
     def __init__(self, prior: SoilPrior, diameter: float) -> None:
@@ -240,7 +285,7 @@ class Reported:
         self._prior = seen_as(self._turn, prior.law[1])
 
     def estimate(self, version: Version) -> SoilEstimate:
-        """The estimate of a soil at a version."""
+        """Return the estimate of the soil at a version."""
         law, covariance = law_of(version)
         more = np.diag([version.missed_variance, 0.0, 0.0])
         pressure, n, m = (self._turn @ law).tolist()

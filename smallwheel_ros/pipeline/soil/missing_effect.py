@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The alarm that an effect is missing: what the estimator's errors follow, tested during the drive.
+"""The alarm that the model lacks an effect, by a test during the drive of what changes in sinkage follow.
 
 A filter can hide a missing effect: it bends k and n, or takes each slippery place for another soil.
-The test therefore does not use the filter's results. It keeps the measurements of the last metres,
-outliers included, as medians over short pieces of path, and looks at the change from each piece to
-the next of one wheel: does ln sinkage change as n and m say, or also with slip, speed or load? It
-uses changes because soil drifts and ends: a border between soils is one large change that nothing
-explains, which Student's t distribution allows for, while an effect comes back wherever its cause
-does.
+The test therefore does not use the filter's results. It keeps the stretches of the last metres and looks at
+the change from each one to the next of the same wheel: does ln sinkage change as n and m predict, or also
+with slip, speed or load? It uses changes because soil drifts and ends: a border between soils is one large
+change that nothing explains, which Student's t distribution allows for, while an effect returns wherever its
+cause does.
 
-The statistic of an effect is that of a score test, as in `diagnosis`: twice the gain in log
-likelihood when its column joins those of n and m, the largest over the forms of its family. Forms
-differ little over a drive, so only the family is named.
+The statistic of an effect is twice the gain in log likelihood when its column (the change of ln sinkage by
+the effect at unit strength) is fitted together with those of n and m; of an effect with several forms, the
+largest one counts. Forms differ little over a drive, so only the effect is named.
 
 Tests are due every 2 m of path, at the end of a stretch, with the law from before it: they do not depend on
 where blocks are cut.
@@ -40,41 +39,43 @@ from smallwheel_ros.pipeline.tables import Array
 
 from .stretches import Stretches
 
-WINDOW = 40.0  # m of way that the test looks back on
+WINDOW = 40.0  # m of path whose stretches are tested
 EVERY = 2.0  # m between tests
-_ENOUGH = 60  # changes from piece to piece
-_RAISE, _CLEAR = 30.0, 12.0  # of the statistic
-_IN_A_ROW = 2  # tests over `_RAISE`
-_APART = 12.0  # between the best effect and one that is no rival
+_ENOUGH = 60  # least number of changes from stretch to stretch
+_RAISE, _CLEAR = 30.0, 12.0  # statistic at which the alarm is raised, and below which it is cleared
+_IN_A_ROW = 2  # successive tests over `_RAISE` that raise the alarm
+_APART = 12.0  # statistic of the best effect less that of another, from which on that is no rival
 _LEFT = 0.5  # least share of a column that n and m cannot imitate
-_LEAST_CHANGE = 0.3  # of a column, in standard deviations of a change (root mean square)
+_LEAST_CHANGE = 0.3  # root mean square of a column, in standard deviations of a change, at least
 _KNOWN = 0.5  # least share of the changes for which a covariate is known
-_STEP = 0.02  # of n and m
+_STEP = 0.02  # of n and m, for slopes by differences
 _LEAST_SINKAGE = 2e-4  # m: the logarithm of less is noise
 _SCATTER = 0.04  # of ln sinkage from stretch to stretch, besides the instrument's noise
 _FREEDOM = 4.0  # of Student's t distribution: tails as heavy as borders between soils make them
 _ITERATIONS = 40
 _SETTLED = 1e-3  # of twice the log likelihood
-# What comes of a soil in which a wheel has no sinkage, or of an effect that fails.
+# Errors raised for a soil in which a wheel has no sinkage, or by an effect that fails.
 _NO_SINKAGE = (ArithmeticError, ValueError, np.linalg.LinAlgError, SmallwheelError)
 
 
 @dataclass(frozen=True)
 class EffectScore:
-    """Result of one test for one family of effects.
+    """Result of one test for one effect.
 
     Attributes
     ----------
-    form, strength
-        The family's best form, and the first parameter of that form by a linear fit, in its unit.
+    effect, form
+        Id of the effect, and its form that fits best.
     statistic
-        Twice the gain in log likelihood.
+        Twice the gain in log likelihood; 0 if it could not be tested.
+    strength
+        First parameter of the form by a linear fit, in its unit; 0 if it could not be tested.
     follows
-        The first variable that it depends on; 'load' if none.
+        The first variable that the form depends on, such as 'slip'; 'load' if there is none.
     reason
-        Why it could not be tested; empty if it was.
+        Why the effect could not be tested, in words; empty if it was.
     spread
-        Standard deviation of what it adds to ln sinkage from place to place.
+        Standard deviation of what the effect adds to ln sinkage over the stretches.
     """
 
     effect: str
@@ -93,19 +94,19 @@ class MissingEffect:
     Attributes
     ----------
     effect
-        Id of the effect that explains the errors best.
+        Id of the effect that explains the changes of sinkage best.
     rivals
         Ids of effects that explain them nearly as well: this drive cannot separate them.
     follows
-        What the errors follow: 'slip', 'speed', 'load'.
+        The variable that sinkage changes with: 'slip', 'speed', 'load'.
     statistic
-        Evidence: twice the gain in log likelihood.
+        Evidence: twice the gain in log likelihood by the best effect.
     distance
-        Travel at which the alarm was raised, m.
+        Path of the vehicle at which the alarm was raised, m.
     message
         The alarm in words.
     log_modulus_std
-        Deviation of ln k from place to place due to the missing effect, by which every prediction is
+        Standard deviation of ln k from place to place due to the missing effect, by which every prediction is
         uncertain until the effect is in the model.
     """
 
@@ -119,7 +120,21 @@ class MissingEffect:
 
 
 class _Trial(NamedTuple):
-    """A form at its start. strength: how far its first parameter is from where it vanishes."""
+    """A form of an effect that is tested, with its first parameter at the value where a fit starts.
+
+    Attributes
+    ----------
+    effect
+        The form with that value.
+    strength
+        That value less `neutral`.
+    neutral
+        Value of the parameter at which the form has no effect.
+    bounds
+        Least and largest value of the parameter.
+    follows
+        As in `EffectScore`.
+    """
 
     effect: Effect
     strength: float
@@ -128,6 +143,7 @@ class _Trial(NamedTuple):
     follows: str
 
     def untested(self, reason: str) -> EffectScore:
+        """Return the result of a form that cannot be tested for this reason."""
         return EffectScore(self.effect.id, self.effect.form, 0.0, 0.0, self.follows, reason)
 
 
@@ -143,16 +159,16 @@ class MissingEffectWatch:
     length
         Length of a stretch, m.
     prior
-        Prior of the soil: the laws that are tried have its strength, name and geometry.
+        Prior of the soil, whose strength, name and geometry the tests use.
 
     Attributes
     ----------
     alarm
         The effect that is missing; None while there is no alarm.
     scores
-        Results of the newest test, the best first.
+        Results of the newest test, one for each effect that the model lacks, the best first.
     missed_variance
-        Variance of ln k that is allowed for while a missing effect is suspected.
+        Variance of ln k to be added to predictions while there is an alarm; 0 otherwise.
     """
 
     def __init__(
@@ -181,14 +197,14 @@ class MissingEffectWatch:
         self.missed_variance = 0.0
 
     def take(self, rows: Stretches, law: Callable[[], tuple[float, float, float]]) -> None:
-        """Process stretches that end together.
+        """Add stretches that are ready together, and test whenever 2 m have been driven since the last test.
 
         Parameters
         ----------
         rows
-            The stretches.
+            The stretches; those of wheels that do not roll are left out.
         law
-            Returns k, n and m as they were before these stretches.
+            Function that returns k (Pa/m^(n+m)), n and m as they were before these stretches.
         """
         rows = rows.take(self._rolls[rows.wheel])
         if not len(rows):
@@ -201,7 +217,7 @@ class MissingEffectWatch:
             self._test(law(), distance)
 
     def _test(self, law: tuple[float, float, float], distance: float) -> None:
-        """Test every family about a soil with this k, n and m."""
+        """Test every effect for a soil with this k, n and m, and raise or clear the alarm."""
         self._next = distance + EVERY
         changes = self._pieces.changes()
         if changes is None or changes.later.size < _ENOUGH:
@@ -226,6 +242,7 @@ class MissingEffectWatch:
 
 
 def _describe(scores: Sequence[EffectScore], distance: float, n: float) -> MissingEffect:
+    """Make the alarm from the results of a test, the best first. distance: where it was raised, m."""
     best = scores[0]
     rivals = tuple(
         s.effect for s in scores[1:] if not s.reason and s.statistic > best.statistic - _APART
@@ -251,7 +268,7 @@ def _scores(
     changes: Changes,
     geometry: Geometry,
 ) -> tuple[EffectScore, ...]:
-    """Score every family, the best first."""
+    """Test every effect by its best form; the best effect first."""
     covariates = {}
     usable = np.ones(changes.later.size, dtype=bool)
     for name, column in changes.wheels.covariates.items():
@@ -296,7 +313,7 @@ def _scores(
 
 
 def _size(column: Array) -> float:
-    """Root mean square of an array of shape (pairs,)."""
+    """Root mean square of a column of shape (pairs,)."""
     return math.sqrt(float(column @ column) / column.size)
 
 
@@ -311,9 +328,11 @@ def _trial(form: type[Effect]) -> _Trial:
 def _score(
     trial: _Trial, base: RobustFit, missed: Array, known: Array, imitated: Array, column: Array
 ) -> EffectScore:
-    """Add a form's column to those of n and m.
+    """Test a form by fitting its column together with those of n and m.
 
-    known: these, shape (columns, rows). imitated: orthonormal columns that span them.
+    base: fit of the latter alone. missed: changes that the law does not predict, over their deviations,
+    (pairs,). known: columns of n and m, (columns, pairs). imitated: orthonormal columns that span them,
+    (pairs, columns). column: of the form at unit strength, (pairs,).
     """
     if not np.isfinite(column).all():
         return trial.untested("it has no sinkage in this soil")
@@ -333,7 +352,7 @@ def _score(
     return replace(trial.untested(""), statistic=max(gain, 0.0), strength=found)
 
 
-# ---- what it is asked of
+# ---- what is tested
 
 
 class Changes(NamedTuple):
@@ -342,13 +361,13 @@ class Changes(NamedTuple):
     Attributes
     ----------
     log_sinkage
-        ln of m, shape (stretches,).
+        ln of the measured sinkage in m, shape (stretches,).
     wheels
         Loads, sizes, slip and speed of the stretches; slip and speed are NaN if unknown.
     later, earlier
         Indices of the two stretches of each pair, shape (pairs,).
     deviation
-        Standard deviation of each change in ln sinkage, shape (pairs,), up to a common factor.
+        Standard deviation of the change of ln sinkage in each pair, up to a common factor, shape (pairs,).
     """
 
     log_sinkage: Array
@@ -358,7 +377,18 @@ class Changes(NamedTuple):
     deviation: Array
 
     def of(self, column: Array) -> Array:
-        """Changes of a column of the stretches, over their deviation; shape (pairs,)."""
+        """Compute the changes of a column from stretch to stretch, over their deviations.
+
+        Parameters
+        ----------
+        column
+            A value of each stretch, shape (stretches,).
+
+        Returns
+        -------
+        ndarray
+            Shape (pairs,).
+        """
         return (column[self.later] - column[self.earlier]) / self.deviation
 
     def where(self, usable: NDArray[np.bool_]) -> Changes:
@@ -368,7 +398,17 @@ class Changes(NamedTuple):
 
 
 class StretchChanges:
-    """Keeps the stretches of the last `window` metres, by wheel; `length` is that of a stretch, m."""
+    """Keeps the newest stretches of each wheel, and pairs those that follow each other.
+
+    Parameters
+    ----------
+    wheels
+        All wheels.
+    length
+        Length of a stretch, m; stretches that are four lengths or more apart are not paired.
+    window
+        Length of the vehicle's path, before each wheel's newest stretch, over which stretches are kept, m.
+    """
 
     def __init__(self, wheels: tuple[Wheel, ...], length: float, window: float) -> None:
         self._wheels, self._length, self._window = wheels, length, window
@@ -376,14 +416,14 @@ class StretchChanges:
         self._order: dict[int, None] = {}  # of the wheels, as they came
 
     def add(self, rows: Stretches) -> None:
-        """Add stretches; those without measurable sinkage have no logarithm and are left out."""
+        """Add stretches; those with less than 0.2 mm of sinkage are left out, as its logarithm is noise."""
         rows = rows.take(rows.sinkage >= _LEAST_SINKAGE)
         if len(rows):
             self._kept.append(rows)
             self._order.update(dict.fromkeys(np.unique(rows.wheel).tolist()))
 
     def changes(self) -> Changes | None:
-        """Changes among the stretches that are kept; None while there are none."""
+        """Return the stretches that are kept, with their pairs; None while there are no pairs."""
         if not self._kept:
             return None
         rows = Stretches.joined(self._kept)
@@ -411,7 +451,17 @@ class StretchChanges:
 
 
 class RobustFit(NamedTuple):
-    """Coefficients (columns,), scale of the errors, and log likelihood but for a constant."""
+    """Result of `robust_fit`.
+
+    Attributes
+    ----------
+    coefficients
+        Coefficient of each column, shape (columns,).
+    scale
+        Scale of the errors' Student's t distribution, in the unit of y.
+    log_likelihood
+        Log likelihood of the errors, up to a constant.
+    """
 
     coefficients: Array
     scale: float
@@ -419,19 +469,24 @@ class RobustFit(NamedTuple):
 
 
 def robust_fit(y: Array, columns: Array, start: Array | None = None) -> RobustFit:
-    """Fit y by columns, with errors of Student's t whose scale is fitted, too.
+    """Fit y by a linear combination of columns; errors have a Student's t distribution of fitted scale.
 
-    Iterated weighted least squares, which is expectation maximisation for Student's t (Lange,
-    Little and Taylor 1989).
+    By iterated weighted least squares, which is expectation maximisation for Student's t (Lange,
+    Little and Taylor 1989), with 4 degrees of freedom.
 
     Parameters
     ----------
     y
-        Shape (rows,).
+        Values to be fitted, shape (rows,).
     columns
         Shape (rows, columns).
     start
-        Coefficients to start from, shape (columns,); 0 if not given.
+        Coefficients to start from, shape (columns,); None: 0.
+
+    Returns
+    -------
+    RobustFit
+        Coefficients, scale and log likelihood.
 
     Raises
     ------

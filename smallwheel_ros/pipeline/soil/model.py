@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What sensors show under the soil's law: the state x, and h with its Jacobian H, for many stretches at once.
 
-State:
+The law is p = k z^n D^m; K = k D^m is the modulus under one diameter. State:
 
     u    ln of the sinkage (m) of a reference wheel, the first one measured
     n    exponent of sinkage
@@ -12,7 +12,7 @@ State:
     b    zero of the load cells, over the reference wheel's load W_ref
     s    slip sinkage: z (1 + s i) at slip i > 0
     t    s, by which sinkage is shown later than the load
-    e    m/rad, error of the shown sinkage with pitch
+    e    m/rad, error of the shown sinkage over pitch
     c    m, zero of all sinkage sensors
     f    ln of the scale of all sinkage sensors
     d_w, l_w   of each wheel, in addition: zero of its sensor (m), ln of the scale of its load cell
@@ -23,7 +23,8 @@ well. For a wheel with load W and slip i in a rut with exponent p
     h(x) = z(W'; z_ref, n, m) exp(g p + f) (1 + s max(i, 0)) + e pitch + c + d_w
     W'   = (W - b W_ref) exp(-l - l_w - t d ln W/dt - side a)        side: 1 left, -1 right
 
-where z is the sinkage by the model's geometry and effects (`sinkage_of`).
+where z is the sinkage by the model's geometry and effects (`sinkage_of`), z_ref = exp(u), and p the exponent
+`passes` of `Readings`.
 """
 
 from __future__ import annotations
@@ -46,16 +47,16 @@ from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, unkn
 from .stretches import Stretches, WheelsUnderLoad
 
 U, N, M, PASS, SIDE, LOAD_SCALE, LOAD_ZERO, SLIP, DELAY, PITCH, ZERO, SCALE, WHEELS = range(13)
-LAW, EACH = 3, 2  # numbers of the law; of each wheel from WHEELS on: d_w, l_w
-# Prior deviations of what is learnt from the drive. rates/drive_worlds.py has worlds that are one to
-# three of them off: sinkage x1.23 in a rut, loads 20 % or 6 N of 58 N, slip sinkage 3, 0.2 s, 0.03 m/rad.
+LAW, EACH = 3, 2  # count of the law's numbers, and of those of each wheel from WHEELS on: d_w, l_w
+# Prior deviations of what is learnt from the drive. The truth of some worlds in rates/drive_worlds.py is one
+# to three of them off: sinkage x1.23 in a rut, loads 20 % or 6 N of 58 N, slip sinkage 3, 0.2 s, 0.03 m/rad.
 _PASS_STD = 0.3  # of g
 SIDE_STD = 0.3  # of a: soils under the two sides of a vehicle differ by a factor of 1.8
 _LOAD_SCALE_STD = 0.1  # of l
 _LOAD_ZERO_STD = 0.03  # of b
 _SLIP_SINKAGE_STD = 1.0  # of s
-# Of what slip adds to a sinkage: where forms linear and quadratic in slip agree at 0.3, they differ by
-# factors of 3 at 0.1 and 2 at 0.6 (effects/slip.py); where slip digs in time it depends on more than slip.
+# Relative deviation of what slip adds to a sinkage: where forms linear and quadratic in slip agree at 0.3,
+# they differ by factors of 3 at 0.1 and 2 at 0.6 (effects/slip.py); where a wheel digs in, time matters, too.
 _SLIP_DOUBT = 0.5
 _DELAY_STD = 0.1  # s, of t
 _PITCH_STD = 0.01  # m/rad, of e
@@ -66,7 +67,7 @@ _SINKAGE_SCALE_STD = (
 # be the one that was named: sand is firm in places, by 2 to 4.6 of the prior's deviations in drives of
 # another author, which n and the zeros then had to make up for.
 _FAULT_FREE, _MISNAMED = 0.1, 2.0
-LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
+LEAST_SHARE = 0.15  # of the shown load, that the wheel carries at least, whatever the zero
 LOG_DEPTH = math.log(REFERENCE_SINKAGE)
 N_RANGE = 0.05, 2.9
 # What a single sensor is off by besides, over what all are: m lives on what wheels of two sizes differ by.
@@ -80,7 +81,17 @@ _AXLE = 0.5  # of the diameter
 
 @dataclass(frozen=True)
 class Sinkage:
-    """Sinkage (m) of wheels, and its slopes by (ln K at the reference diameter, n, m, ln load), (rows, 4)."""
+    """Predicted sinkage of wheels under loads.
+
+    Attributes
+    ----------
+    value
+        Sinkage, m, (rows,).
+    slopes
+        Its slopes by (ln K at the reference diameter, n, m, ln load), m, (rows, 4).
+    sunk
+        Whether the wheel is sunk to its axle, (rows,).
+    """
 
     value: Array
     slopes: Array
@@ -102,9 +113,9 @@ def sinkage_of(
     Parameters
     ----------
     laws
-        ln K at the reference diameter (Pa m^-n), n, m; shape (rows, 3).
+        ln K (Pa/m^n) at `REFERENCE_DIAMETER`, n, m; shape (rows, 3).
     load
-        Shape (rows,), N.
+        Load, shape (rows,), N.
     wheels
         All wheels.
     wheel
@@ -112,16 +123,17 @@ def sinkage_of(
     effects
         Effects of the model.
     slip
-        Shape (rows,); not needed if no effect reads it.
+        Slip, shape (rows,), 1; None if no effect reads it.
     speed
-        Shape (rows,), m/s; not needed if no effect reads it.
+        Speed, shape (rows,), m/s; None if no effect reads it.
     geometry
-        Rule of contact.
+        Rule of contact: 'contact_integral' or 'closed_form'.
 
     Returns
     -------
     Sinkage
-        NaN where a rolling wheel's slip or speed is not known and an effect reads it.
+        As an instrument would show it, where effects are those of an instrument. NaN where an effect reads a
+        rolling wheel's slip or speed, and that is unknown.
     """
     diameter, width = (
         np.array([getattr(w, a) for w in wheels])[wheel] for a in ("diameter", "width")
@@ -156,7 +168,7 @@ def sinkage_of(
 def covariates(
     effects: Sequence[Effect], rolling: Flags, slip: Array | None, speed: Array | None
 ) -> tuple[Integers, dict[str, Array]]:
-    """Select the rows for which all that effects read is known, and return its values there.
+    """Select the rows for which the slip and speed that effects read are known, and their values there.
 
     Parameters
     ----------
@@ -165,14 +177,17 @@ def covariates(
     rolling
         Whether the wheel rolls, shape (rows,); a pressed one needs neither slip nor speed.
     slip
-        Shape (rows,), or None.
+        Slip, shape (rows,), 1; None: unknown for all.
     speed
-        Shape (rows,), m/s, or None.
+        Speed, shape (rows,), m/s; None: unknown for all.
 
     Returns
     -------
-    rows, values : ndarray, dict of ndarray
-        Indices of these rows; values by name, shape (selected rows,).
+    rows : ndarray
+        Indices of the selected rows; all rows without effects.
+    values : dict of ndarray
+        By 'slip' and 'speed', of which only those that an effect reads: values of the selected rows, shape
+        (selected rows,).
     """
     if not effects:
         return np.arange(rolling.size), {}
@@ -187,7 +202,19 @@ def covariates(
 
 @dataclass(frozen=True)
 class Shown(Columns):
-    """h(x) (m), H (rows, size), slope by ln load, and the variance (m^2) of what ruts and slip change."""
+    """Predicted sinkages and their slopes.
+
+    Attributes
+    ----------
+    value
+        Sinkage, m, (rows,): h(x) as the sensor shows it, or without its errors.
+    H
+        Slopes of `value` by the state, (rows, size).
+    by_load
+        Slope of `value` by ln load, m, (rows,).
+    doubt
+        Variance of the sinkage due to uncertain effects of ruts and slip, m^2, (rows,).
+    """
 
     value: Array
     H: Array
@@ -198,14 +225,29 @@ class Shown(Columns):
 class LawModel:
     """Prior of the state, and h for the wheels of a vehicle.
 
+    Parameters
+    ----------
+    prior
+        Prior of the soil.
+    settings
+        Settings of the estimate that are about sensors and ground.
+    effects
+        Effects of the model.
+    wheels
+        All wheels.
+    reference
+        Load (N), diameter and width (m) of the reference wheel, whose sinkage is exp(u).
+
     Attributes
     ----------
-    reference
-        Load (N), diameter and width (m) of the wheel that u belongs to.
+    size
+        Length of the state.
+    side
+        1 for wheels on the left, -1 on the right, 0 in the middle, shape (wheels,).
     mean, soil_covariance
-        Mean and covariance of the state before any measurement.
+        Mean and covariance of the state before any measurement, shape (size,) and (size, size).
     unnamed_covariance
-        Covariance before any measurement if the soil may be another than the named one.
+        Covariance before any measurement if the soil may be another than the named one, (size, size).
     """
 
     def __init__(
@@ -261,16 +303,16 @@ class LawModel:
         Parameters
         ----------
         law
-            Share of the law's deviations from the prior that is kept.
+            Share of the law's deviation from the prior that is kept over the distance, 0 to 1.
         side
-            Share kept of a, the difference of the sides, 0 to 1.
+            Share of a, the difference of the sides, that is kept, 0 to 1.
         border
-            Variance that u gains at a border, 1.
+            Variance to be added to that of u just beyond a border, 1; 0 elsewhere.
 
         Returns
         -------
         F, Q : ndarray
-            Shape (size, size).
+            For the state's deviation from the prior, shape (size, size).
         """
         factors, Q = np.ones(self.size), np.zeros((self.size, self.size))
         factors[:LAW], factors[SIDE] = law, side
@@ -280,19 +322,19 @@ class LawModel:
         return np.diag(factors), Q
 
     def pressure(self, u: Array, n: Array) -> tuple[Array, Array, Array]:
-        """ln K under the reference wheel that corresponds to a sinkage exp(u), and its slopes.
+        """Compute ln K under the reference wheel from its sinkage exp(u), and its slopes.
 
         Parameters
         ----------
         u
-            ln of the sinkage in m, shape (rows,).
+            ln of the reference wheel's sinkage in m, shape (rows,).
         n
             Exponent of sinkage, shape (rows,).
 
         Returns
         -------
         log_modulus, by_u, by_n : ndarray
-            Shape (rows,).
+            ln K (Pa/m^n), and its slopes by u and n, shape (rows,).
         """
         load, diameter, width = self.reference
         ratio = np.exp(u) / diameter
@@ -303,7 +345,19 @@ class LawModel:
         return log_modulus, -(n + 0.5) - by_ratio, -u - made.slope_exponent
 
     def law(self, y: Array) -> tuple[Array, Array]:
-        """Ln pressure at the reference sinkage and diameter, n and m; their Jacobian by y, (3, size)."""
+        """Compute the law from a state, and its Jacobian.
+
+        Parameters
+        ----------
+        y
+            State, shape (size,), of which only u, n and m are used.
+
+        Returns
+        -------
+        law, jacobian : ndarray
+            (ln pressure at the reference sinkage and diameter, n, m), shape (3,), and its slopes by the
+            state, shape (3, size).
+        """
         u, n, m = y[:LAW]
         log_modulus, by_sinkage, by_exponent = (float(v) for v in self.pressure(u, n))
         jacobian = np.eye(LAW, self.size)
@@ -323,7 +377,7 @@ class LawModel:
         Returns
         -------
         Shown
-            Value (m), H and the slope by ln load.
+            h(x) and its slopes, a row for each stretch.
         """
         index = np.arange(len(rows))
         whole = np.broadcast_to(x, (index.size, self.size))
@@ -340,19 +394,19 @@ class LawModel:
         return Shown(value, row, scale * sunk.by_load, scale**2 * sunk.doubt)
 
     def sinkage(self, y: Array, rows: WheelsUnderLoad) -> Shown:
-        """Predict the true sinkage, without the errors of its sensor.
+        """Predict sinkages without those errors of their sensors that are part of the state.
 
         Parameters
         ----------
         y
-            States, shape (rows, size).
+            State of each row, shape (rows, size).
         rows
             Wheels with their loads, slips and passes.
 
         Returns
         -------
         Shown
-            Value (m), H and the slope by ln load.
+            Sinkage and its slopes, a row for each of `rows`.
         """
         index, own = np.arange(len(rows)), WHEELS + EACH * rows.wheel + 1
         u, n, m, passed, sides, scale, off, digs, delay = y[:, : DELAY + 1].T
@@ -386,7 +440,7 @@ class LawModel:
 def reference_wheel(
     rows: Stretches, wheels: Sequence[Wheel], prior: SoilPrior
 ) -> tuple[float, float, float]:
-    """Load, diameter and width of the reference wheel: the first one measured.
+    """Choose the reference wheel: the first one measured, under its load.
 
     A wheel that is pressed begins without load, so its reference is the load at which the prior's soil
     gives the reference sinkage.
@@ -394,7 +448,7 @@ def reference_wheel(
     Parameters
     ----------
     rows
-        The first stretches.
+        The first stretches, at least one.
     wheels
         All wheels.
     prior

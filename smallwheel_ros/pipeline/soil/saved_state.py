@@ -30,19 +30,20 @@ from .identifiability import SoilEstimate, Variety
 Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
-_VERSION = 6  # another means something else, and is refused
+_VERSION = 6  # of the content; files of another version are refused
 
 
 @dataclass(frozen=True)
 class SoilRecord:
-    """A soil's law, and the estimated errors of the sensors except those of single wheels.
+    """State of the soil's filter without the errors of single wheels' sensors.
 
     Attributes
     ----------
     reference
         Load (N), diameter and width (m) of the reference wheel.
     mean, covariance
-        Mean and covariance of the soil's state (`law`), shape (WHEELS,) and (WHEELS, WHEELS).
+        Mean and covariance of the first WHEELS numbers of the state (`soil/model.py`), shape (WHEELS,) and
+        (WHEELS, WHEELS).
     """
 
     reference: tuple[float, float, float]
@@ -59,13 +60,13 @@ class SavedState:
     soil
         The newest soil; None if nothing was measured.
     variety
-        Ranges of the wheels and loads it was measured with.
+        Ranges of the wheels and loads with which it was measured.
     accepted
-        Number of measurements that it rests on.
+        Number of readings of sinkage that were used for it.
     strength
-        State of the strength's filter; None if nothing was measured.
+        State of the strength's filters, as `Strengths.record` returns it; None if nothing was measured.
     cost_map
-        SHA-256 of the map that was saved with it; None if there was none.
+        SHA-256 of the map that was saved with it, in hexadecimal digits; None if there was none.
     """
 
     soil: SoilRecord | None
@@ -76,6 +77,7 @@ class SavedState:
 
 
 def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
+    """Describe prior and effects, so that `_compare` can tell whether a file was saved under others."""
     numbers = {entry.name: getattr(prior, entry.name) for entry in fields(prior)}
     return {
         "prior": {**numbers, "soil": prior.soil.name},
@@ -97,7 +99,17 @@ def state_bytes(
     effects
         Effects used in the estimate.
     now
-        The present estimate, for people who read the file.
+        The present estimate, for a summary that people can read in the file.
+
+    Returns
+    -------
+    bytes
+        JSON in UTF-8, with a checksum.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, which is a defect.
     """
     soil = state.soil
     summary = (
@@ -125,16 +137,18 @@ def state_bytes(
 
 
 def write_state(path: Path, content: bytes, beside: Mapping[Path, bytes]) -> None:
-    """Write what `state_bytes` returned, after the files that belong to it, all or nothing.
+    """Write a saved state and the files that belong to it, all or none; these are replaced before it.
+
+    The folder is made if it does not exist.
 
     Parameters
     ----------
     path
-        The file.
+        File of the state.
     content
-        Bytes of the file.
+        Its content, as `state_bytes` returns it.
     beside
-        Bytes of the other files, by path.
+        Content of the other files, by path.
 
     Raises
     ------
@@ -154,7 +168,7 @@ def _checksum(content: dict[str, Any]) -> str:
 
 
 def check_may_replace(path: Path) -> None:
-    """Refuse to overwrite a file that is not a saved soil. Raises EstimatorError."""
+    """Raise EstimatorError if there is a file that is not a saved soil, so that it is not overwritten."""
     try:
         if not os.path.lexists(path) or _content(path).get("format") == FORMAT:
             return
@@ -186,9 +200,14 @@ def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> Saved
     path
         The file.
     prior
-        Prior that the estimate must have been made with.
+        Present prior of the soil; the file must have been saved under the same.
     effects
-        Effects that it must have been made with.
+        Present effects of the model; the file must have been saved under the same.
+
+    Returns
+    -------
+    SavedState
+        Content of the file.
 
     Raises
     ------
@@ -233,6 +252,7 @@ def _corrupt(path: Path, why: str) -> EstimatorError:
 
 
 def _compare(path: Path, content: dict[str, Any], expected: dict[str, Any]) -> None:
+    """Raise EstimatorError if a file's content was saved under another prior, or other effects."""
     for name, value in expected["prior"].items():
         found = content["prior"].get(name)
         same = found == value

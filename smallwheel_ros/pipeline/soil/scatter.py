@@ -16,18 +16,26 @@ from .model import Shown
 from .stretches import Stretches
 
 LARGEST = 9.0  # a squared innovation counts at most as so many of its variances
-# m, that sinkages of single stretches differ by beyond load and soil, until they show how much they do: a
-# stretch of rough ground. With none, the first four fitted to 0.3 mm made n the end of its range, and the
-# deviation 1.75 times the prior's.
+# m: initial deviation of a stretch's sinkage besides load and soil, as on rough ground. With none, a fit of
+# the first four stretches to 0.3 mm moved n to the end of its range, with a deviation 1.75 times the prior's.
 _ROUGH = 1e-3
-MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
+# Relative error of a predicted sinkage: the law against the public single-wheel rig, within one soil.
+MODEL_ERROR = 0.02
 
 
 class SoilScatter:
     """Scatter of stretches beyond what state and sensors explain, learnt from innovations nu (m).
 
-    It is a regression of nu^2 - H P H - base on (1, by^2 share), with `by` the slope of sinkage by ln k (m).
+    It is a regression of nu^2 - H P H - base on (1, by^2 share), with `by` the slope of sinkage by ln k (m),
+    and base the variance due to sensors and law.
     Wheels that run in one track meet the same places, so that all of them measure the law as well as one.
+
+    Parameters
+    ----------
+    soil_scatter
+        Standard deviation of ln k from place to place until it is learnt, 1.
+    wheels
+        All wheels.
 
     Attributes
     ----------
@@ -37,10 +45,12 @@ class SoilScatter:
         Variance of ln k from place to place.
     share
         Part of that variance which is left in the mean over a stretch, 1.
+    together
+        The same for the mean of many successive stretches, times their number, 1.
     """
 
-    _MEMORY = 150.0  # stretches
-    _TOLD, _TOLD_ROUGH = 30.0, 10.0  # that the soil's scatter, and `_ROUGH`, count for
+    _MEMORY = 150.0  # stretches over which the regression is taken
+    _TOLD, _TOLD_ROUGH = 30.0, 10.0  # stretches that `soil_scatter` and `_ROUGH` count for
 
     def __init__(self, soil_scatter: float, wheels: tuple[Wheel, ...]) -> None:
         self._told = soil_scatter**2
@@ -53,11 +63,11 @@ class SoilScatter:
         )
         self._normal: Array = np.zeros((2, 2))
         self._moment: Array = np.zeros(2)
-        self._newest = np.zeros(len(wheels))  # normalised innovations
-        self._products: Array = np.array([0.0, 1.0])  # of neighbours, and squares
+        self._newest = np.zeros(len(wheels))  # newest normalised innovation of each wheel
+        self._products: Array = np.array([0.0, 1.0])  # sums: products of neighbours, squares
 
     def copy(self) -> SoilScatter:
-        """Copy of the present state."""
+        """Return a copy that is independent of this one."""
         own = copy(self)
         own._newest = self._newest.copy()
         return own
@@ -66,25 +76,28 @@ class SoilScatter:
     def places(self) -> tuple[float, float]:
         """Variances at one place: of ln k, and of the sinkage in addition (m^2).
 
-        The remaining scatter may be the ground's or the sensor's; it is counted as the ground's.
+        The latter may be due to the ground or to the sensor; it is counted as the ground's.
         """
         return self.soil, self.additive / self.share
 
     def noise(self, rows: Stretches, shown: Shown) -> tuple[Array, Array, Array]:
-        """Compute variances of the sinkages of stretches.
+        """Compute variances of the measured sinkages of stretches about the law.
 
         Parameters
         ----------
         rows
             The stretches.
         shown
-            Sinkages of the stretches by the model.
+            Sinkages of the stretches by the model, and their slopes.
 
         Returns
         -------
-        alone, counts, base : ndarray
-            Shape (rows,), m^2: of a stretch alone; the one with which it counts among its neighbours; that of
-            sensors and law only.
+        alone : ndarray
+            Variance of a stretch by itself, shape (rows,), m^2.
+        counts : ndarray
+            Variance that gives a stretch its weight among correlated neighbours, shape (rows,), m^2.
+        base : ndarray
+            The part of both that is due to sensors and law, shape (rows,), m^2.
         """
         by_load = shown.by_load**2
         base = rows.variance + by_load * rows.load_variance
@@ -96,7 +109,10 @@ class SoilScatter:
 
     @property
     def alike(self) -> float:
-        """Factor by which correlation r of neighbours raises the variance of a mean: (1 + r)/(1 - r)."""
+        """Factor by which the correlation r of neighbours raises the variance of a mean: (1 + r)/(1 - r).
+
+        r is that of successive normalised innovations of a wheel, limited to 0 to 0.8.
+        """
         alike = min(max(self._products[0] / self._products[1], 0.0), 0.8)
         return float((1.0 + alike) / (1.0 - alike))
 
@@ -110,15 +126,15 @@ class SoilScatter:
         wheel
             Number of the wheel.
         miss
-            Shown minus expected sinkage, m.
+            Innovation: measured less predicted sinkage, m.
         state
-            Variance due to the state, m^2.
+            Part of its variance due to the filter's state, m^2.
         variance
-            Variance in all, m^2.
+            Its variance in all, m^2.
         base
-            Variance due to sensors and law, m^2.
+            Part of its variance due to sensors and law, m^2.
         by
-            Slope of sinkage by ln k, m.
+            Slope of sinkage by ln k (its sign does not matter), m.
         """
         keep = 1.0 - 1.0 / self._MEMORY
         features = np.array([1.0, by**2 * self.share])
@@ -129,7 +145,7 @@ class SoilScatter:
         told = self._TOLD * features[1] ** 2 / variance**2
         normal[1, 1] += told
         moment[1] += told * self._told
-        # None is expected that the noise does not show.
+        # The prior of the additive variance is 0, but for `_ROUGH`.
         normal[0, 0] *= 1.0 + self._TOLD / self._MEMORY
         rough = self._TOLD_ROUGH / variance**2
         normal[0, 0] += rough

@@ -2,15 +2,15 @@
 """Faults of sensors that stretches show before the filter uses them: stuck ones, and a wrong sum of loads.
 
 A sinkage sensor that shows less variation than rolling over soil allows is stuck: its readings over five
-stretches differ by less than a fifth of what loads and texture make the sinkage vary by. It is not judged
-where that is less than the sensor's steps.
+stretches differ by less than a fifth of the variation expected from loads and texture. It is not judged
+where that fifth is less than the sensor's steps.
 
 All loads together are the vehicle's weight, whatever the cells show. Over six stretches of each wheel
 
     off = mean of ln(sum of W / (m g cos pitch)),    std = (0.02^2 + std(ln sum)^2/6)^1/2
 
 0.02 is the uncertainty of the mass, by scale, water, dust. Where off is over 10 % either the cells
-or the mass are wrong, and std is |off|, unless a wrong unit explains it. What is missing in the sum
+or the mass are wrong, and std is |off|, unless a wrong unit of the loads explains it. The rest of the weight
 may be carried by wheels that are not listed.
 """
 
@@ -30,15 +30,27 @@ from smallwheel_ros.pipeline.tables import Array, Integers
 
 from .stretches import Stretches
 
-_STUCK, _TEXTURE, _STILL = 5, 0.03, 0.2  # stretches; of ln k from place to place at least; share
-# A sinkage goes with the load to the power 1/(n + 1/2), which is this for ordinary sand.
+# Stretches compared; least deviation of ln k from place to place; share of the expected variation.
+_STUCK, _TEXTURE, _STILL = 5, 0.03, 0.2
+# Exponent of the load in a sinkage, 1/(n + 1/2), of ordinary sand.
 _USUAL = 0.7
-_WEIGHED, _MASS_STD = 6, 0.02  # stretches of each wheel; of ln mass
+_WEIGHED, _MASS_STD = 6, 0.02  # stretches of each wheel that are compared; deviation of ln mass
 CONTRADICTION = math.log(1.1)  # neither load cells nor a weighed mass are 10 % off
 
 
 class StuckSensors:
-    """Looks for stuck sinkage sensors in the stretches of each wheel; `stuck` lists them."""
+    """Looks for stuck sinkage sensors in the stretches of each wheel.
+
+    Parameters
+    ----------
+    wheels
+        Number of wheels.
+
+    Attributes
+    ----------
+    stuck
+        Whether each wheel's sensor is stuck at present, shape (wheels,).
+    """
 
     def __init__(self, wheels: int) -> None:
         self.stuck = np.zeros(wheels, dtype=bool)
@@ -58,7 +70,18 @@ class StuckSensors:
             self.stuck[wheel] = full and most + coarse < _STILL * varies
 
     def findings(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Report stuck sensors and what to check, by the names of the wheels."""
+        """Describe stuck sensors, and what to check.
+
+        Parameters
+        ----------
+        names
+            Names of all wheels.
+
+        Returns
+        -------
+        tuple of str
+            A sentence for each stuck sensor.
+        """
         return tuple(
             f"{names[wheel]}: its sinkage sensor shows the same wherever it rolls, and is not used: is it"
             " stuck, dirty, or does it look at the wheel?"
@@ -67,7 +90,15 @@ class StuckSensors:
 
 
 class Weighed(NamedTuple):
-    """Mean loads (N) of the wheels, and the weight that they should add up to with its deviation, N."""
+    """Comparison of the wheels' loads with the vehicle's weight.
+
+    Attributes
+    ----------
+    loads
+        Mean load of each wheel as its cell shows it, shape (wheels,), N.
+    weight, weight_std
+        Sum that the loads should have, normal to the slope, and its standard deviation, N.
+    """
 
     loads: Array
     weight: float
@@ -95,7 +126,18 @@ class Weighing:
         ]
 
     def add(self, rows: Stretches) -> Weighed | None:
-        """Add stretches; return the comparison of loads and weight once, when there are enough."""
+        """Add stretches, and compare loads and weight once, when each wheel has six stretches.
+
+        Parameters
+        ----------
+        rows
+            The stretches.
+
+        Returns
+        -------
+        Weighed or None
+            The comparison, from the one call that makes it; None from all others, or without a mass.
+        """
         if self._mass <= 0.0:
             return None
         columns = rows.wheel.tolist(), rows.load.tolist(), np.cos(rows.pitch).tolist()
@@ -118,6 +160,17 @@ class Weighing:
         return Weighed(means, weight, weight * (abs(off) if abs(off) > CONTRADICTION else std))
 
     def unlisted(self, stamps: Integers) -> Array:
-        """Share of the weight that the listed wheels do not carry, as known at stamps (ns); one for each."""
+        """Return the share of the weight that the listed wheels do not carry, as known at some stamps.
+
+        Parameters
+        ----------
+        stamps
+            Shape (stamps,), ns.
+
+        Returns
+        -------
+        ndarray
+            Shape (stamps,), 0 to 1; 0 before the comparison, and where the loads are not over 10 % too small.
+        """
         since, share = self._unlisted
         return np.where(stamps >= since, share, 0.0)

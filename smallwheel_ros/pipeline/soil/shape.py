@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether pressure grows with depth as the law says: residuals against depth.
+"""Whether pressure grows with depth as the law says: a test of residuals against depth.
 
 Over a hard layer at depth q a wheel sinks less beyond q than any power of depth predicts, over a
-soft one more. With e = z - h(x0) linearised at the newest state, its covariance S = H P0 H^T + R
-from the state's prior and the noise of stretches among their neighbours, and c = max(z_law - q, 0),
-the depth beyond q by the law,
+soft one more. Let e = z - h(x0), linearised at the newest state, S = H P0 H^T + R its covariance, by the
+state's prior and the noise of a stretch among its neighbours, and c = max(z_law - q, 0) the depth beyond q by
+the law. Then
 
     share = c^T S^-1 e / (c^T S^-1 c),    sigmas = c^T S^-1 e / (c^T S^-1 c)^1/2
 
@@ -22,34 +22,34 @@ from smallwheel_ros.pipeline.tables import Array
 from .filter import SoilFilter
 from .stretches import Stretches
 
-NEWEST = 120  # times at which stretches were used that are looked back on
+NEWEST = 120  # updates of the filter whose stretches are tested
 EVERY = 2.0  # m between tests
 _ENOUGH = 60  # stretches
-# Least of both; a smaller share hardly changes a sinkage. In drives of another author's simulator they find a
-# layer in 15 of 16 over one, and in 1 of 16 without (in 4 by 3 deviations of stretches taken each alone).
-# Ground that was once found to be so stays so until less than a deviation of it is left: the newest stretches
-# do not always show it.
+# Least sigmas and share; a smaller share hardly changes a sinkage. In another author's simulator a layer is
+# reported in 15 of 16 drives over one, and in 1 of 16 without (in 4 by 3 deviations of stretches taken each
+# alone). Ground once reported stays so until either is below a third of that: the newest stretches do not
+# always show it.
 _SIGMAS, _SHARE, _STAYS = 2.75, 0.4, 1.0 / 3.0
 _QUARTILES = (0.25, 0.5, 0.75)
-_CUT = 3.0  # deviations to which a residual counts in full
+_CUT = 3.0  # deviations beyond which the noise of a residual is increased
 
 
 def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
-    """Explain how stretches contradict the shape of the law.
+    """Explain how stretches contradict the law's power of depth.
 
     Parameters
     ----------
     rows
-        Stretches that the law has used.
+        Newest stretches of this soil that the filter has used.
     law
-        The filter.
+        Filter of the soil.
     doubted
-        Whether earlier stretches of this soil contradicted the law.
+        Whether the last test of this soil contradicted the law; then less evidence suffices.
 
     Returns
     -------
     str
-        In words; empty where they do not.
+        In words; empty where they do not, or with fewer than 60 stretches, or before the law is settled.
     """
     if len(rows) < _ENOUGH or not law.settled:
         return ""
@@ -68,6 +68,7 @@ def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
     about = miss + by_state @ (state - model.mean)
 
     def whitened(columns: Array) -> Array:
+        """S^-1 times columns of shape (rows, any)."""
         return np.asarray(
             columns / noise[:, None] - by @ np.linalg.solve(information, by.T @ columns)
         )

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a wheel over 0.2 m of its own path become one measurement of the soil.
 
-    stretch   rows from one on to the last before path - start >= length; it also ends where the vehicle
-              turns back, and then counts if it is at least half that length
-    sinkage   mean of the rows within 3 (sigma + MAD) of their median
+    stretch   rows from one to the last before path - start >= length; it also ends where the vehicle
+              turns back, and is then used if it has at least half that length
+    sinkage   mean of the rows within 3 (sigma + MAD) of their median (MAD: median absolute deviation)
     load      exp(mean ln W), shrunk to the wheel's mean by the share of noise in its spread
               (regression calibration, Carroll and others 2006)
     sigma     of one reading, and of ln load, from second differences, so that a trend is not noise
@@ -26,17 +26,18 @@ from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, Readings
 
 _SECOND_DIFFERENCE = 6.0  # variance of a - 2 b + c over that of one of three independent readings
-# Readings that the learnt noise, and the told one, count for.
+# Number of readings that the learnt noise counts for at most, and that the configured one counts for.
 _NOISE_MEMORY, _TOLD_READINGS = 200.0, 20.0
-_WORST_NOISE, _CUT_MEAN = 2.0, 0.742  # squared differences are cut there; mean of what is left
+# Squared differences over their expectation are cut at the first; the mean is then the second.
+_WORST_NOISE, _CUT_MEAN = 2.0, 0.742
 _KEPT = 3.0  # readings so many deviations from the median are left out
-_LOAD_MEMORY = 100  # stretches
-# Of ln load: between stretches; of a reading until learnt.
+_LOAD_MEMORY = 100  # stretches over which mean and spread of loads are taken
+# Deviations of ln load: between stretches, at first; of one reading, until learnt.
 _LEAST_LOAD_SPREAD, _TOLD_LOAD = 0.02, 0.02
-# Path after which a wheel stands on other soil: correlation exp(-path/length). Of a pressed wheel it is new
-# depth, m and m per m of diameter.
+# Path after which a wheel stands on other soil (correlation exp(-path/length)), m; of a pressed wheel the
+# increase of its depth, over its diameter.
 LENGTH, _PRESSED = 0.2, 0.02
-_MOST_ROWS = 2000  # of a pressed wheel, which need not move
+_MOST_ROWS = 2000  # in one stretch of a pressed wheel, which need not move
 
 
 @dataclass(frozen=True)
@@ -45,14 +46,16 @@ class WheelsUnderLoad(Columns):
 
     Attributes
     ----------
+    wheel
+        Number of the wheel.
     load
-        N, without its cell's noise.
+        Load as its cell shows it, without noise, N.
     load_variance
-        Variance of ln load, due to that noise.
+        Variance of ln load that is left of the cell's noise.
     load_rate
         d ln load / dt, 1/s.
     slip, speed
-        1, m/s; NaN if unknown.
+        Slip, 1, and speed of the wheel's place, m/s; NaN if unknown.
     passes, pass_doubt
         As in `Readings`.
     """
@@ -69,22 +72,29 @@ class WheelsUnderLoad(Columns):
 
 @dataclass(frozen=True)
 class Stretches(WheelsUnderLoad):
-    """A row for each stretch, in the order in which they close.
+    """Means over stretches of wheels' paths, a row each, in the order in which they close.
 
     Attributes
     ----------
     end
-        Stamp of the row that closed it, ns.
+        Stamp of the first row beyond the stretch, which closed it, ns.
     sinkage, variance
-        Mean, m, and its variance due to the sensor's noise, m^2.
+        Mean measured sinkage, m, and its variance due to the sensor's noise, m^2.
     pitch
-        rad.
+        Mean pitch, rad, positive nose down.
+    distance
+        Path of the vehicle at the last row, m.
     place
-        Place of the wheel along the vehicle's path, m.
+        Mean place of the wheel along the vehicle's path, m: path of the vehicle, plus the distance by which
+        the wheel runs ahead of the vehicle's middle in the direction of travel.
+    onward
+        Whether the vehicle goes forward.
     count, dropped
-        Number of readings in the mean, and left out.
-    low, high, step
-        Smallest and largest reading, and smallest difference of two readings, m.
+        Number of readings of sinkage in the mean, and of those left out as outliers.
+    low, high
+        Smallest and largest reading of sinkage in the stretch, m.
+    step
+        Smallest difference between consecutive readings of this sensor so far that is not 0, m; inf if none.
     """
 
     end: Integers
@@ -102,7 +112,7 @@ class Stretches(WheelsUnderLoad):
 
 
 def length_of(wheel: Wheel) -> float:
-    """Length (m) of a stretch of a wheel, by its contact."""
+    """Length (m) of a stretch of a wheel: of its path if it rolls, of its sinkage if it is pressed."""
     return LENGTH if wheel.contact == ROLLING else _PRESSED * wheel.diameter
 
 
@@ -124,13 +134,31 @@ class _StretchRows(Columns):
 
     @classmethod
     def of(cls, rows: Readings, chosen: Integers) -> _StretchRows:
-        """These columns of some of the rows."""
+        """Select these columns and the rows with the indices `chosen`."""
         return cls(**{one.name: getattr(rows, one.name)[chosen] for one in fields(cls)})
 
 
 @dataclass
 class _Wheel:
-    """What is learnt of a wheel, and its open stretch."""
+    """What is learnt of a wheel, and its open stretch.
+
+    Attributes
+    ----------
+    length
+        Length of its stretches, m.
+    reading_variance, load_noise
+        Variance of one reading of sinkage (m^2) and of ln load.
+    noise_readings
+        Number of readings that both variances count for.
+    step
+        As in `Stretches`.
+    load_mean, load_spread
+        Mean of ln load over stretches, and its variance between them, noise included.
+    stretches
+        Number of stretches closed so far.
+    open
+        Rows of the stretch in progress; None before the first row.
+    """
 
     length: float
     reading_variance: float
@@ -143,7 +171,20 @@ class _Wheel:
     open: _StretchRows | None = None
 
     def calibrated(self, mean: Array, count: Array) -> tuple[Array, Array]:
-        """Load (N) of means of ln load, and the variance of its logarithm."""
+        """Loads without the noise of their cell, from means of ln load over readings.
+
+        Parameters
+        ----------
+        mean
+            Means of ln load, shape (rows,).
+        count
+            Number of readings in each mean, shape (rows,).
+
+        Returns
+        -------
+        load, variance : ndarray
+            Shape (rows,): load, N, and the remaining variance of its logarithm.
+        """
         noise = self.load_noise / count
         if self.stretches == 0:
             return np.exp(mean), noise
@@ -153,20 +194,26 @@ class _Wheel:
 
 @dataclass
 class StretchState:
-    """State carried from block to block, for each wheel."""
+    """State carried from block to block, of each wheel in the order of the settings."""
 
     wheels: list[_Wheel] = field(default_factory=list)
 
     @classmethod
     def of(cls, settings: OnboardSettings) -> StretchState:
-        """State before the first row."""
+        """Return the state before the first row."""
         variance = settings.estimator.sinkage_std**2
         return cls([_Wheel(length_of(wheel), variance) for wheel in settings.wheels])
 
 
 @dataclass(frozen=True)
 class Loads(Columns):
-    """Load (N) of each row without its cell's noise, and its deviation (N)."""
+    """Load without its cell's noise, and its standard deviation, at each row.
+
+    Attributes
+    ----------
+    load, load_std
+        N; NaN where the load is unknown.
+    """
 
     load: Array
     load_std: Array
@@ -175,16 +222,24 @@ class Loads(Columns):
 def stretches(
     state: StretchState, rows: Readings, settings: OnboardSettings
 ) -> tuple[Stretches | None, Loads]:
-    """Stretches that close in this block, and the noise-free loads of its rows.
+    """Average a block of rows over stretches of each wheel's path, and free their loads of noise.
 
     Parameters
     ----------
     state
         State carried from block to block; it is updated.
     rows
-        Readings.
+        Readings of all wheels.
     settings
         The pipeline's settings.
+
+    Returns
+    -------
+    Stretches or None
+        Stretches that close in this block; None if none does.
+    Loads
+        Loads of the block's rows, from the readings of the stretch up to each row. Where a row has no usable
+        sinkage, or its load is static, the load is that of `rows`.
     """
     found: list[Stretches] = []
     load, load_std = rows.load.copy(), rows.load_std.copy()
@@ -210,7 +265,7 @@ def stretches(
 def _of_wheel(
     state: _Wheel, rows: _StretchRows, settings: OnboardSettings, number: int
 ) -> tuple[list[Stretches], Array, Array]:
-    """Closed stretches of a wheel; loads of its rows as they are known at each, and their deviations."""
+    """Closed stretches of a wheel; loads of its new rows and their deviations, from the rows up to each."""
     wheel = settings.wheels[number]
     ahead = wheel.longitudinal_position
     before = state.open
@@ -257,7 +312,11 @@ def _of_wheel(
 def _close(
     state: _Wheel, number: int, rows: _StretchRows, log_load: Array, end: int, ahead: float
 ) -> Stretches:
-    """One stretch; what it tells of the wheel's noise and loads is learnt before."""
+    """Average the rows of a stretch, after learning the wheel's noise and loads from them.
+
+    number: of the wheel. end: stamp of the row that closes the stretch, ns. ahead: longitudinal position of
+    the wheel, m.
+    """
     sinkage, count = rows.sinkage, len(rows)
     _learn_noise(state, sinkage, log_load)
     middle = _median(sinkage)
@@ -282,6 +341,7 @@ def _close(
 
 
 def _learn_noise(state: _Wheel, sinkage: Array, log_load: Array) -> None:
+    """Learn the variances of one reading of sinkage and of ln load, and the sensor's step."""
     apart = np.abs(np.diff(sinkage))
     state.step = min(state.step, float(np.min(apart, where=apart > 0.0, initial=math.inf)))
     if sinkage.size < 3:
@@ -289,13 +349,13 @@ def _learn_noise(state: _Wheel, sinkage: Array, log_load: Array) -> None:
     weight = min(1.0, sinkage.size / (state.noise_readings + sinkage.size))
     noise = _noise(sinkage, state.reading_variance) - state.reading_variance
     state.load_noise += weight * (_noise(log_load, state.load_noise) - state.load_noise)
-    # A sensor that shows whole steps, or one number, is not for that without noise.
+    # A sensor that shows whole steps, or always one number, is not without noise.
     state.reading_variance = max(state.reading_variance + weight * noise, 1e-10)
     state.noise_readings = min(state.noise_readings + sinkage.size, _NOISE_MEMORY)
 
 
 def _learn_loads(state: _Wheel, mean: float, count: int) -> None:
-    """Mean and spread of ln load from stretch to stretch, noise included."""
+    """Learn mean and variance of ln load between stretches, noise included, from a stretch's mean."""
     state.stretches += 1
     gain = max(1.0 / state.stretches, 1.0 / _LOAD_MEMORY)
     if state.stretches == 1:
@@ -308,13 +368,13 @@ def _learn_loads(state: _Wheel, mean: float, count: int) -> None:
 
 
 def _noise(values: Array, believed: float) -> float:
-    """Variance of one reading from second differences, a few wild ones cut."""
+    """Variance of one reading from second differences, which are limited by the variance believed so far."""
     squares = np.diff(values, 2) ** 2 / _SECOND_DIFFERENCE
     return _mean(np.minimum(squares, _WORST_NOISE * believed)) / _CUT_MEAN
 
 
 def _slope(stamp: Integers, values: Array) -> float:
-    """Slope of values over time, 1/s; 0 for too few."""
+    """Least-squares slope of values over time, 1/s; 0 for fewer than three. stamp: ns."""
     time = (stamp - stamp[0]) / SECOND
     centred = time - _mean(time)
     square = float(centred @ centred)
@@ -322,12 +382,12 @@ def _slope(stamp: Integers, values: Array) -> float:
 
 
 def _mean(values: Array) -> float:
-    """Mean of a short column, to the bit as NumPy's, without what that asks about its kind."""
+    """Mean of a short column, equal to NumPy's to the bit, without the time of its checks of types."""
     return float(np.add.reduce(values)) / values.size
 
 
 def _median(values: Array) -> float:
-    """Median of a short column without NaN, likewise."""
+    """Median of a short column without NaN, equal to NumPy's, but faster."""
     ordered = np.sort(values)
     return 0.5 * float(ordered[(ordered.size - 1) // 2] + ordered[ordered.size // 2])
 

@@ -22,17 +22,26 @@ from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers
 
 @dataclass(frozen=True)
 class OnSoil(Columns):
-    """Loads (N), sinkages (m), compaction and other resistances (N) of wheels on soil.
+    """Predicted sinkages and resistances of wheels on soil.
 
     Attributes
     ----------
+    wheel
+        Number of the wheel.
+    load
+        Load that the wheel carries: that shown by its cell, without the cell's estimated errors, N.
+    sinkage
+        True sinkage, m.
+    compaction, other
+        Resistance by compaction, and by the effects, N; 0 for a wheel that does not roll.
     covariance
-        Covariance of sinkage, the two resistances and ln load, due to law, place (ln k) and load, (rows, 4,
-        4).
+        Covariance of (sinkage, compaction, other, ln load), (rows, 4, 4): due to the law, the scatter of ln k
+        from place to place, and the load.
     own
-        The part of `covariance` that is independent from wheel to wheel, (rows, 4, 4).
+        The part of `covariance` that is independent from wheel to wheel, due to that scatter and the noise
+        of the load, (rows, 4, 4).
     shown
-        Sinkage as a sensor would show it, m.
+        Sinkage as a sensor would show it, with the effects of instruments, m.
     exponent, diameter
         Exponent n (1) and diameter (m) as the effects change them.
     reaching
@@ -62,19 +71,21 @@ class OnSoil(Columns):
     sunk: Flags
 
     def means(self, group: Integers, weight: Array) -> OnSoil:
-        """Average the rows of each group; a group is sunk to the axle if one of its rows is.
+        """Average every column over the rows of each group.
+
+        A group is sunk to the axle if one of its rows is.
 
         Parameters
         ----------
         group
-            Number of each row's group from 0 on, shape (rows,).
+            Number of each row's group, from 0 on without a gap, shape (rows,); a group is of one wheel.
         weight
             Weight of each row in the mean of its group, 1, shape (rows,).
 
         Returns
         -------
         OnSoil
-            One row for each group.
+            One row for each group, in the order of their numbers.
         """
         total = np.bincount(group, weights=weight)
         columns: dict[str, Array] = {}
@@ -89,7 +100,19 @@ class OnSoil(Columns):
         return OnSoil(**whole)
 
     def variance(self, **by: Array | float) -> Array:
-        """Variance of a quantity with these slopes by `sinkage`, `compaction`, `other` and `log_load`."""
+        """Compute the variance of a quantity of each row from `covariance`, to first order.
+
+        Parameters
+        ----------
+        **by
+            Slopes of the quantity by `sinkage`, `compaction`, `other` and `log_load`, shape (rows,) or a
+            number; 0 for those that are not given.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), in the square of the quantity's unit.
+        """
         row = np.zeros_like(self.covariance[:, 0])
         for i, name in enumerate(("sinkage", "compaction", "other", "log_load")):
             row[:, i] = by.get(name, 0.0)
@@ -102,7 +125,10 @@ def on_soil(
     slip: Array | None = None, speed: Array | None = None, strength: Strength | None = None,
     geometry: Geometry = "contact_integral",
 ) -> OnSoil:  # fmt: skip
-    """Sinkage and resistances of wheels on their soils.
+    """Compute sinkage and resistances of wheels on their soils, with their covariance.
+
+    Compaction resistance is b K z^(n + 1)/(n + 1) (Bekker 1960; eq. 14 of Meirion-Griffith and Spenko 2011),
+    or as the effects change it.
 
     Parameters
     ----------
@@ -111,26 +137,27 @@ def on_soil(
     wheel
         Number of each row's wheel, shape (rows,).
     laws
-        The soil's law under each wheel.
+        Law of the soil under the wheel, and errors of its load cell, at each row.
     shown, shown_std
-        Load shown by the cell, without noise, and its deviation, shape (rows,), N.
+        Load shown by the cell, without noise, and its standard deviation, shape (rows,), N.
     scatter
-        Deviation of ln k from place to place.
+        Standard deviation of ln k from place to place.
     effects
         Effects of the model.
     slip
-        Shape (rows,); not needed if no effect reads it.
+        Slip, shape (rows,), 1; None if no effect reads it.
     speed
-        Shape (rows,), m/s; not needed if no effect reads it.
+        Speed, shape (rows,), m/s; None if no effect reads it.
     strength
-        Strength that effects read.
+        Strength of the soil, for effects that read it; None: their factor on the thrust is 1.
     geometry
-        Rule of contact.
+        Rule of contact: 'contact_integral' or 'closed_form'.
 
     Returns
     -------
     OnSoil
-        NaN, except for the load, where a rolling wheel's slip or speed is unknown and an effect reads it.
+        One row for each load. Where an effect reads a rolling wheel's slip or speed, and that is unknown, all
+        is NaN but the load and its variance.
     """
     rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
     known, read = covariates(effects, rolling, slip, speed)
@@ -207,7 +234,7 @@ def on_soil(
 def _among(
     some: OnSoil, known: Integers, wheel: Integers, laws: LocalLaws, shown: Array, shown_std: Array
 ) -> OnSoil:
-    """Rows of some wheels among those of which the load alone is known."""
+    """Put some rows into a table of all, at the indices `known`; of the others only the load is known."""
     columns: dict[str, Any] = {}
     for field in fields(some):
         column = getattr(some, field.name)

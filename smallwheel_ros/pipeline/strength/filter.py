@@ -4,31 +4,31 @@
 State x, with the standard deviations of its prior:
 
     c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured
-                      in addition, of ln K, by which shear curves differ       0.3
-                      in addition, for the margin, of phi on any ground        0.25
-                      c for the margin is any ground's                         500 Pa, 500 Pa or more
+                      of ln K in addition: shear curves of other forms         0.3
+                      of phi in addition, for the margin: any ground           0.25
+                      of c, for the margin: any ground's                       500 Pa, 500 Pa or more
     rho               motion resistance that is not in the law, over load      0.02
     d                 error of the measured slips, common to all wheels        0.025 in each step
     eta, mu           share of rolling in the shear, rim's friction over the soil's  as configured
-    f                 friction of the drives at the rim, over load             0.01, about 0.005
+    f                 friction of the drives at the rim, over load             0.01, mean 0.005
     b                 zero of the imu, as a force forward per mass             1.5 degrees of g
     d_1 .. d_W        error of each wheel's slip: its radius                   0.01
     t_1 .. t_W        ln of the scale of each wheel's torque                   0.1
     g_0 .. g_N        ln of the grip, in cells of 0.1 m of the ground from under the first wheel to
                       under the last one                                       0.25
 
-Prediction, for each cell that the vehicle moves on: the rear wheels come to the cells of those
+Prediction, for each cell by which the vehicle moves: the rear wheels come to the cells of those
 ahead of them, g_0 <- a g_0 with a = exp(-0.1 m / 0.7 m); Q: of g_0 (1 - a^2) 0.25^2, of d its
 prior's, and of c, phi and ln K enough to be unknown again after 200 m.
 
-Measurements, of means over a step, all at once (thrust H_w, resistance B_w, torque T_w: `shear`):
+Measurements, means over a step, all at once (thrust H_w, resistance B_w, torque T_w: `physics.stresses`):
 
     pull      P_w = h H_w - B_w - E_w - rho W_w          h, E_w: of the model's effects
     balance   sum over wheels P_w = M (a -+ b)           a: specific force g sin(slope) + dv/dt, - forward
     torque    e^t_w h T_w / r + f W_w, a force at the rim
 
-H is taken at the slip at which the predicted law gives the pull that was measured: the pull is what
-the drive demands, and slip answers to it and to the grip. The update is iterated (Bell and Cathey
+The Jacobian H is taken at the slip at which the predicted law gives the measured pull: slope and speed
+demand the pull, and slip follows from it and from the grip. The update is iterated (Bell and Cathey
 1993): thrust is far from linear in slip, K and grip. A measurement that is 4 deviations off resets
 the grip of all cells, and has a weight that falls with its likelihood.
 """
@@ -63,14 +63,14 @@ from .forces import (
 )  # fmt: skip
 from .steps import CELL
 
-STRENGTH = 4  # numbers of the state that belong to the soil
+STRENGTH = 4  # numbers of the state that are reported as the strength: c, phi, ln K, rho
 GRIP_STD, SLIP_STD, LEVEL_STD, FORM_SHEAR = 0.25, 0.025, 0.257, 0.3
 _OTHER_STD, _TORQUE_SCALE_STD, _RADIUS_STD = 0.02, 0.1, 0.01
 _LOSS, _LOSS_STD = 0.005, 0.01
 _LOW, _HIGH, _MOST = (-300.0, 0.1, math.log(2e-3)), (6000.0, 1.0, math.log(0.1)), 2.0
 _LEAST_STD = (1.0, 1e-4, 1e-3, 1e-3, 1e-3)
-_OF_WHEEL = (0.0, 0.2), (5.0, 1.5)  # ends of eta and mu, as at the bench
-_MODELLED = [COHESION, FRICTION, SHEAR, ROLLING, RIM]  # numbers that a model has
+_OF_WHEEL = (0.0, 0.2), (5.0, 1.5)  # least and largest of eta and mu, as at the bench
+_MODELLED = [COHESION, FRICTION, SHEAR, ROLLING, RIM]  # numbers that a model file has
 _LAW_ERROR, _TORQUE_ERROR, _LEAST_TORQUE = 0.02, 0.05, 0.25  # of the load; N at the rim
 _GRIP_LENGTH, _OPEN_AFTER = 0.7, 200.0  # m
 _ITERATIONS, _EXACT, _SURPRISE = 6, 1e-2, 4.0
@@ -80,7 +80,27 @@ _NEWTON_STEPS, _NEWTON_MOST, _LEAST_SLOPE = 2, 0.1, 0.1  # slip a step; of the l
 
 
 class StrengthFilter:
-    """The filter that the module describes; `kalman` is that of filterpy, with state x and covariance P."""
+    """The filter described at the head of this module, for the rolling wheels of one vehicle.
+
+    Parameters
+    ----------
+    strength
+        Prior of the soil's strength.
+    wheels
+        The rolling wheels.
+    mass
+        Mass of the vehicle, kg; 0 if unknown: then there is no balance.
+
+    Attributes
+    ----------
+    kalman
+        The filter of filterpy, with state x and covariance P.
+    cells
+        Number of the cell of ground (0.1 m) under each wheel, counted backwards from the first wheel in the
+        direction of travel, shape (wheels,).
+    prior_mean, prior_std
+        Mean and standard deviations of (c, phi, ln K, rho) before any measurement, shape (4,).
+    """
 
     def __init__(self, strength: Strength, wheels: tuple[Wheel, ...], mass: float) -> None:
         self.mass = mass
@@ -116,16 +136,17 @@ class StrengthFilter:
         self._level, self._drag = (0.0, LEVEL_STD), 0.0
 
     def move(self, distance: float, forward: bool, slip_std: float) -> None:
-        """Predict over a distance: to the wheels' next cells of ground, and to a new error of slip.
+        """Predict the state over a distance: the wheels move to new cells of ground, slips have a new error.
 
         Parameters
         ----------
         distance
-            Distance driven, m.
+            Distance driven since the last call, m. The wheels move by whole cells of 0.1 m; the remainder
+            counts for the next call.
         forward
-            Whether the vehicle goes forward.
+            Whether the vehicle goes forward; a change of direction resets the grip of all cells.
         slip_std
-            Deviation of the error of slip.
+            Standard deviation of the new error of slip that is common to all wheels, 1.
         """
         self._way = 1.0 if forward else -1.0
         cells = self._behind if forward else self._ahead
@@ -155,14 +176,16 @@ class StrengthFilter:
         kalman.predict()
 
     def level(self, zero: Array | None, drag: float) -> None:
-        """Update the IMU's zero with what has been learnt about it since the last call.
+        """Update the IMU's zero with what has been learnt about it elsewhere since the last call.
 
         Parameters
         ----------
         zero
-            Value and deviation, m/s^2; None if unknown.
+            Present value and standard deviation of the zero ahead, by `rows.level`, shape (2,), m/s^2; None
+            if unknown.
         drag
-            Deceleration by wheels that are not listed, m/s^2; the largest counts, once.
+            Deceleration that wheels which are not listed may cause, m/s^2. It cannot be distinguished from
+            the zero, whose deviation it increases, but only where it is larger than in all earlier calls.
         """
         kalman = self.kalman
         wider, value, precision = max(drag**2 - self._drag**2, 0.0), 0.0, 0.0
@@ -183,7 +206,7 @@ class StrengthFilter:
             )
 
     def _open(self) -> None:
-        """Believe again in any grip of the cells; what they have in common with the rest goes."""
+        """Reset the grip of all cells: their prior variance is added, covariances with the rest become 0."""
         P, grip = self.kalman.P.copy(), self._grip
         self.kalman.P = P  # versions keep the one before
         before = np.diag(P)[grip:].copy()
@@ -199,18 +222,18 @@ class StrengthFilter:
         force: float,
         force_std: float,
     ) -> None:
-        """Update the state from a step of the path; what is unknown is NaN.
+        """Update the state from a step of the path; measurements that are unknown are NaN.
 
         Parameters
         ----------
         at
-            The rolling wheels.
+            The rolling wheels in the step.
         torque
-            Shape (wheels,), N m.
+            Torque of each, positive in the direction of travel, shape (wheels,), N m.
         pull, pull_std
-            Drawbar pull and its deviation, shape (wheels,), N.
+            Drawbar pull of each and its standard deviation, shape (wheels,), N.
         force, force_std
-            Specific force of the vehicle along its path, and its deviation, m/s^2.
+            Specific force of the vehicle in the direction of travel, and its standard deviation, m/s^2.
         """
         turned, pulled = np.isfinite(torque), np.isfinite(pull)
         balanced = math.isfinite(force) and self.mass > 0.0
@@ -228,6 +251,7 @@ class StrengthFilter:
         by_level = self._way * self.mass
 
         def shown(pulls: Array, rims: Array) -> Array:
+            """Measurements predicted from pulls and rim forces (N), in the order of z."""
             value = (at.along * pulls).sum() + by_level * self.kalman.x[LEVEL]
             of_vehicle = np.array([value] if balanced else [])
             return np.concatenate([of_vehicle, rims[turned], pulls[pulled]])
@@ -242,18 +266,20 @@ class StrengthFilter:
         if (surprise > variance + noise).any():
             self._open()
             variance = np.einsum("ri,ij,rj->r", H, self.kalman.P, H)
-            # What no grip explains counts as little as it is likely.
+            # A measurement that no grip explains has the weight of its likelihood.
             noise = noise + np.maximum(surprise - variance - noise, 0.0)
         self._iterate(
             z, noise, value, H, lambda: shown(*pull_and_rim(self.kalman.x, self.cells, at))
         )
 
     def _asked(self, at: Rolling, made: Forces, force: float, torque: Array, pull: Array) -> Forces:
-        """Forces at slips, all shifted alike, at which the predicted law gives what the wheels pull together.
+        """Forces, with slopes, at slips at which the predicted law gives the wheels' measured total pull.
 
-        Slopes are taken there. What is pulled is asked for by slope and speed; the slip that was measured
-        follows from it and from the grip of the place. Slopes taken at it read places of different grip as
-        one curve of pull over slip: too flat, and with too little friction. made: at the slip measured.
+        All slips are shifted by the same amount. Slope and speed demand a pull, and the measured slip follows
+        from it and from the grip of the place. Slopes at the measured slip would treat places of different
+        grip as one curve of pull over slip: too flat, and with too little friction.
+
+        made: forces at the measured slip. force, torque, pull: as in `update`.
         """
         for _ in range(_NEWTON_STEPS):
             _, pulls, rims = made
@@ -291,13 +317,19 @@ class StrengthFilter:
 
     @property
     def prior(self) -> list[float]:
-        """Mean and deviation of each initial parameter of the soil, and of eta and mu."""
+        """Prior as 12 numbers, by which a saved state is recognised.
+
+        Means of (c, phi, ln K, rho), their standard deviations, means of (eta, mu), and theirs.
+        """
         of_wheel = self._prior[[ROLLING, RIM]].tolist(), self._wheel_std.tolist()
         return [*self.prior_mean.tolist(), *self.prior_std.tolist(), *of_wheel[0], *of_wheel[1]]
 
     @property
     def strength(self) -> tuple[Array, Array]:
-        """Mean and covariance of (c, phi, ln K, rho)."""
+        """Mean and covariance of (c, phi, ln K, rho), shape (4,) and (4, 4).
+
+        Setting them makes their covariances with the rest of the state 0.
+        """
         return self.kalman.x[:STRENGTH].copy(), self.kalman.P[:STRENGTH, :STRENGTH].copy()
 
     @strength.setter
@@ -307,7 +339,12 @@ class StrengthFilter:
         self.kalman.P[:STRENGTH, :STRENGTH] = known[1]
 
     def hand_over(self) -> None:
-        """Start on a soil not met before: half of the variance among sites is added to the state's."""
+        """Start on a soil not met before: move (c, phi, ln K, rho) towards the prior.
+
+        The strengths of two soils of one site are taken to have a correlation of sqrt(1/2): deviations of the
+        mean from the prior are multiplied by that, the covariance by 1/2, and half of the prior's variance
+        is added.
+        """
         mean, covariance = self.strength
         left = (1.0 - _ONE_SITE**2) * np.diag(np.square(self.prior_std))
         off = mean - self.prior_mean
@@ -315,20 +352,25 @@ class StrengthFilter:
 
 
 def _log(length: Quantity) -> Quantity:
-    """Ln of the shear displacement, with what forms of the shear curve differ by."""
+    """Ln of the shear displacement (m); its deviation includes differences between forms of shear curves."""
     relative = length.standard_deviation / length.value
     return Quantity(math.log(length.value), math.hypot(relative, FORM_SHEAR))
 
 
 def bounded(x: Array, prior: Array) -> Array:
-    """Move the state into the range that a soil's strength can have; return the prior's where that fails.
+    """Limit the state to the range that a soil's strength can have, which always includes the prior.
 
     Parameters
     ----------
     x
-        Shape (size,).
+        State, shape (size,).
     prior
-        State of the prior, shape (size,).
+        Mean of the state before any measurement, shape (size,).
+
+    Returns
+    -------
+    ndarray
+        The limited state, shape (size,).
     """
     inside = np.clip(x, -_MOST, _MOST)
     for place, low, high in ((range(OTHER), _LOW, _HIGH), ([ROLLING, RIM], *_OF_WHEEL)):
@@ -339,17 +381,20 @@ def bounded(x: Array, prior: Array) -> Array:
 
 
 def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
-    """Compute the information that leads from a value and its standard deviation to a later pair.
+    """Compute the measurement, or the growth of variance, that leads from one estimate to a later one.
 
     Parameters
     ----------
     before, now
-        Value and deviation, in one unit.
+        Value and standard deviation, both in the same unit.
 
     Returns
     -------
-    more variance, value times precision, precision : float
-        The first is 0 unless the deviation has grown, the others are 0 if it has.
+    growth : float
+        By how much the variance has grown; 0 if it has fallen.
+    weighted, precision : float
+        Of a measurement that would lead from `before` to `now`: its value times its precision, and the
+        precision, which is 1 over its variance; both 0 if the variance has grown.
     """
     precision = now[1] ** -2 - before[1] ** -2
     if precision <= 0.0:

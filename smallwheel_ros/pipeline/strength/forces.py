@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forces of wheels for a state of the strength's filter, with their slopes."""
+"""Forces of wheels for a state of the strength's filter, with their slopes.
+
+The state is that of `strength/filter.py`: numbers of the soil, of each wheel, and the grip of each cell, a
+stretch of 0.1 m of the ground under the vehicle.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +22,17 @@ from smallwheel_ros.pipeline.tables import Array, Integers
 
 from .contact import OnSoil
 
-# Places in the state; from WHEELS on errors of the wheels' slips, then scales of torques, then grips.
+# Indices of the state; from WHEELS on the errors of the wheels' slips, then ln of their torques' scales, then
+# ln of the cells' grips.
 COHESION, FRICTION, SHEAR, OTHER, SLIP, ROLLING, RIM, LOSS, LEVEL, WHEELS = range(10)
 OF_SOIL = [COHESION, FRICTION, SHEAR, ROLLING, RIM]  # in the order of `sloped_forces`
-_WIDEST = 1.0  # variance of ln thrust up to which it is taken to be lognormal
-_DEEPER = 1e-5  # of the diameter, for the slopes by sinkage
+_WIDEST = 1.0  # variance of ln thrust up to which a thrust is taken to be lognormal
+_DEEPER = 1e-5  # of the diameter: step of sinkage for slopes by differences
 
 
 @dataclass(frozen=True)
 class Rolling:
-    """Rolling wheels, a row each.
+    """Rolling wheels on soil, a row each: all that their forces depend on except the filter's state.
 
     Attributes
     ----------
@@ -36,15 +41,16 @@ class Rolling:
     on
         The wheels on their soil.
     diameter, width
-        m, (rows,).
+        Size of the wheel, m, (rows,).
     slip
-        1, (rows,).
+        Slip, 1, (rows,).
     peak
-        Place of the largest pressure at slip 1, as a share of the arc.
-    layers
-        Effects that change the pressure by depth.
+        Place of the largest pressure at slip 1, as a share of the arc of contact, 1.
     along
-        Share of each wheel's pull along the vehicle's course, (rows,).
+        Cosine of the angle between the wheel's heading and the vehicle's course, (rows,), or (1,) for all:
+        share of the pull that acts along the course.
+    layers
+        Effects that multiply the pressure by a function of depth.
     """
 
     order: Integers
@@ -62,7 +68,19 @@ class Rolling:
         return self.along[:, None]
 
     def factor(self, times: int) -> Callable[[Array], Array] | None:
-        """Factor of the effects on pressure by depth, for `times` copies of the rows; None without any."""
+        """Return the effects' factor on the pressure, as a function of depth.
+
+        Parameters
+        ----------
+        times
+            Number of copies of the rows, one after the other, to which the factor is applied.
+
+        Returns
+        -------
+        callable or None
+            Takes depths (m) and returns factors (1), both of shape (nodes, times * rows); None without such
+            effects.
+        """
         if not self.layers:
             return None
         rows = np.tile(np.arange(self.order.size), times)
@@ -73,14 +91,14 @@ class Rolling:
 
 
 class Force(NamedTuple):
-    """A force of each row (N, shape (rows,)), with its slopes.
+    """A force of each row, with its slopes.
 
     Attributes
     ----------
     value
         The force, N, (rows,).
     row
-        Slopes by the state, (rows, size).
+        Slopes by the filter's state, N over the state's units, (rows, size).
     by_slip, by_load, by_sinkage
         Slopes by slip (N), ln load (N) and sinkage (N/m), (rows,).
     """
@@ -92,7 +110,13 @@ class Force(NamedTuple):
     by_sinkage: Array
 
     def own(self, on: OnSoil) -> Array:
-        """Variance (N^2) due to the wheel's own place and load."""
+        """Variance of the force (N^2, (rows,)) due to sinkage and load errors independent among wheels.
+
+        Parameters
+        ----------
+        on
+            The wheels on their soil, whose `own` holds these errors.
+        """
         zz, zw, ww = on.own[:, 0, 0], on.own[:, 0, 3], on.own[:, 3, 3]
         a, b = self.by_sinkage, self.by_load
         return np.maximum(a * a * zz + 2.0 * a * b * zw + b * b * ww, 0.0)
@@ -102,32 +126,43 @@ class Force(NamedTuple):
 class Believed:
     """State of the filter after a step.
 
-    Stacked, it holds the states for many rows: all arrays then have a leading axis of rows.
+    Stacked, it holds the states for many rows: all arrays, `end` included, then have a leading axis of rows.
 
     Attributes
     ----------
     x, P
         State and its covariance, (size,) and (size, size).
     cells
-        Cell of the ground under each wheel, (wheels,).
+        Number of the cell of ground under each rolling wheel, (wheels,). A cell is 0.1 m of the ground, whose
+        grip is part of the state.
+    slips
+        Mean slip of each rolling wheel over the step that has just ended, 1, (wheels,); NaN for a wheel that
+        was not in it.
+    end
+        Stamp of the row that ended the step, s; -inf before the first step.
     """
 
     x: Array
     P: Array
     cells: Integers
-    slips: Array  # of the step just over, of each rolling wheel; NaN: it was not in it
-    end: float | Array  # s
+    slips: Array
+    end: float | Array
 
     @classmethod
     def stacked(cls, versions: Sequence[Believed], index: Integers) -> Believed:
-        """The states that rows refer to, stacked.
+        """Stack the states that rows refer to.
 
         Parameters
         ----------
         versions
             States to choose from.
         index
-            Number of each row's state among them, shape (rows,).
+            Index of each row's state in `versions`, shape (rows,).
+
+        Returns
+        -------
+        Believed
+            A state for each row: every array has a leading axis of rows.
         """
         x, P, cells, slips, end = (
             np.array([getattr(one, name) for one in versions])[index]
@@ -136,26 +171,36 @@ class Believed:
         return cls(x, P, cells, slips, end)
 
     def forces(self, at: Rolling, *, exact_slip: bool = False) -> tuple[Force, Force, Force]:
-        """Compute thrust, pull, and the rim force that corresponds to the torque.
+        """Compute thrust, drawbar pull, and the torque as a force at the rim.
 
         Parameters
         ----------
         at
             The rolling wheels.
         exact_slip
-            Whether slips are taken as exact.
+            Whether slips are exact. Otherwise the state's errors of slip are added to them, and forces have
+            slopes by these.
+
+        Returns
+        -------
+        thrust, pull, rim : Force
+            As measured: the pull is reduced by resistances that are not in the law, the rim force includes
+            the scale of the wheel's torque and the friction of its drive.
         """
         return forces(self.x, self.cells, at, exact_slip=exact_slip)
 
     def spread(self, push: Force, row: Array) -> Array:
-        """Compute the mean square deviation of forces that contain a thrust, for lognormal soil and grip.
+        """Compute the mean square deviation, due to the state, of forces that contain a thrust.
+
+        Thrust is a product of soil and grip, and is taken to be lognormal: its variance is larger than to
+        first order.
 
         Parameters
         ----------
         push
             The thrust.
         row
-            Slopes of the force by the state, shape (rows, size), N.
+            Slopes of the force by the state, shape (rows, size), N over the state's units.
 
         Returns
         -------
@@ -176,12 +221,12 @@ class Believed:
         Parameters
         ----------
         one, other
-            Slopes by the state, shape (rows, size).
+            Slopes of the functions by the state, shape (rows, size).
 
         Returns
         -------
         ndarray
-            Shape (rows,).
+            Shape (rows,), in the product of the functions' units.
         """
         shared: Array = np.matmul(one[:, None, :], self.P)[:, 0, :]
         return np.asarray((shared * other).sum(axis=1))
@@ -190,18 +235,23 @@ class Believed:
 def forces(
     x: Array, cells: Integers, at: Rolling, *, exact_slip: bool = False
 ) -> tuple[Force, Force, Force]:
-    """Compute the forces of wheels for a state; see `Believed.forces`.
+    """Compute thrust, drawbar pull, and the torque as a force at the rim, for a state of the filter.
 
     Parameters
     ----------
     x
         State, shape (size,) or (rows, size).
     cells
-        Cell of ground of each wheel, shape (wheels,) or (rows, wheels).
+        Number of the cell of ground under each rolling wheel, shape (wheels,) or (rows, wheels).
     at
         The rolling wheels.
     exact_slip
-        Whether slips are taken as exact.
+        Whether slips are exact; see `Believed.forces`.
+
+    Returns
+    -------
+    thrust, pull, rim : Force
+        See `Believed.forces`.
     """
     on, order, count = at.on, at.order, at.order.size
     size, wheels = x.shape[-1], cells.shape[-1]
@@ -235,16 +285,21 @@ def forces(
 
 
 def pull_and_rim(x: Array, cells: Integers, at: Rolling) -> tuple[Array, Array]:
-    """Compute pull, and the rim force that corresponds to the torque (N): those of `forces`, without slopes.
+    """Compute the pull and rim force of `forces` without slopes, at half the cost.
 
     Parameters
     ----------
     x
         State, shape (size,).
     cells
-        Cell of ground of each wheel, shape (wheels,).
+        Number of the cell of ground under each rolling wheel, shape (wheels,).
     at
-        The rolling wheels.
+        The rolling wheels; their slips are corrected by the errors of slip in the state.
+
+    Returns
+    -------
+    pull, rim : ndarray
+        Shape (rows,), N.
     """
     on, wheels = at.on, cells.size
     slip = at.slip + x[SLIP] + x[WHEELS + at.order]
@@ -256,9 +311,9 @@ def pull_and_rim(x: Array, cells: Integers, at: Rolling) -> tuple[Array, Array]:
 
 
 def _with_factor(forces: Array, factor: Array) -> tuple[Array, Array, Array]:
-    """Thrust, pull (thrust less resistance) and rim force with the effects' factor on thrust and torque.
+    """Apply the effects' factor to thrust and rim force, and its gain of thrust to the pull.
 
-    forces: without it, (3, ..., rows), or their slopes.
+    forces: thrust, pull and rim force without the factor, or their slopes, (3, ..., rows).
     """
     thrust, pull, rim = forces
     return factor * thrust, pull + (factor - 1.0) * thrust, factor * rim
@@ -267,15 +322,15 @@ def _with_factor(forces: Array, factor: Array) -> tuple[Array, Array, Array]:
 def _shown(
     pull: Array, rim: Array, on: OnSoil, other: Array, gain: Array, loss: Array
 ) -> tuple[Array, Array]:
-    """Pull less resistances that the law does not give, and the rim force as a torque shows it (N), (rows,).
+    """Pull less the resistances that are not in the law, and the rim force as a torque shows it (N), (rows,).
 
-    other, loss: per N of load; gain: of the motor's torque.
+    other, loss: resistance not in the law and friction of the drive, over load. gain: scale of the torque.
     """
     return pull - on.other - other * on.reaching, gain * rim + loss * on.reaching
 
 
 def _cells(cells: Integers, order: Integers) -> Integers:
-    """Place in the state of the grip under each rolling wheel. cells: (wheels,) or (rows, wheels)."""
+    """Index in the state of the grip under each row's wheel, (rows,). cells: (wheels,) or (rows, wheels)."""
     wheels = cells.shape[-1]
     under = np.broadcast_to(cells, (order.size, wheels))[np.arange(order.size), order]
     return np.asarray(WHEELS + 2 * wheels + under)
@@ -290,7 +345,7 @@ def _once(on: OnSoil, at: Rolling, slip: Array, of_soil: Array, grip: Array) -> 
 def _twice(
     on: OnSoil, at: Rolling, slip: Array, more: Array, x: Array, grip: Array
 ) -> SlopedForces:
-    """Forces at the sinkage, and a little deeper, one after the other."""
+    """Forces at the sinkage, and then at one larger by `more` (m), as 2 * rows rows."""
     once = _once(on, at, slip, x[:, OF_SOIL].T, grip)
     rows = WheelRows(*np.concatenate([once, once], axis=1))
     rows.sinkage[slip.size :] += more

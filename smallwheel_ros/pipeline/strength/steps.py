@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows are averaged over steps of 0.1 m of the path, for each wheel that rolls.
+"""Rows averaged over steps of 0.1 m of the vehicle's path, for each wheel that rolls.
 
-A step ends after 0.1 m, after 0.3 m of the rims on the spot, after a pause of 2 s, and where the
+A step ends after 0.1 m of path, after the rims have turned by 0.3 m, before a pause of 2 s, and where the
 direction of travel or the soil changes. Its slip is that of mean speed and mean rim speed: the mean
-of single slips would be biased by their noise. A wheel at rest adds nothing to a step and ends
-none.
+of single slips would be biased by their noise. Rows of a wheel at rest belong to no step.
 """
 
 from __future__ import annotations
@@ -27,14 +26,20 @@ from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Readings
 
 from .contact import OnSoil, on_soil
 
-CELL, _SPINS, _PAUSE = 0.1, 0.3, 2 * SECOND
-_ALIKE = 0.3  # s over which the errors of an odometry are alike
-_FORCE_STD, _LAG = 0.07, 0.2  # m/s^2 of a mean specific force; s by which an acceleration is late
+CELL, _SPINS, _PAUSE = 0.1, 0.3, 2 * SECOND  # m of path, m of the rims, ns: longest step
+_ALIKE = 0.3  # s over which the errors of an odometry are correlated
+_FORCE_STD, _LAG = 0.07, 0.2  # m/s^2: of a mean specific force; s by which an acceleration is late
 
 
 @dataclass(frozen=True)
 class _StepRows(Readings):
-    """Readings of wheels that roll, loads without noise, with the law's version under each and its soil."""
+    """Readings of wheels that roll, with loads without noise.
+
+    Attributes
+    ----------
+    version, soil
+        Number of the law's version under the wheel, and number of that soil.
+    """
 
     version: Integers
     soil: Integers
@@ -42,31 +47,39 @@ class _StepRows(Readings):
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of the path, and the wheels in each; there are several rows of wheels for each step.
+    """Steps of the vehicle's path, and the wheels in each.
+
+    Arrays of shape (steps,) have a value for each step, those of shape (rows,) one for each wheel in a step.
 
     Attributes
     ----------
     end
         Stamp of the row that ends each step, shape (steps,), ns.
     length
-        Length of each step, shape (steps,), m.
+        Length of each step along the vehicle's path, shape (steps,), m.
     forward
         Whether the vehicle goes forward, shape (steps,).
     force, force_std
-        Specific force along the direction of travel, and its standard deviation, shape (steps,), m/s^2; NaN
-        if unknown.
+        Mean specific force in the direction of travel, g sin(slope) + dv/dt, and its standard deviation,
+        shape (steps,), m/s^2; NaN if unknown.
+    soil
+        Number of the soil that each step is on, shape (steps,).
     step, wheel
-        Index of its step, and number of the wheel, of each row of a wheel, shape (rows,).
-    slip, slip_std, torque, pull, pull_std
-        Mean of each wheel over its step, and standard deviations: 1, 1, N m, N, N, shape (rows,).
+        Index of the step, and number of the wheel, of each row of a wheel, shape (rows,).
+    slip, slip_std
+        Slip of each wheel over its step, and its standard deviation, shape (rows,), 1.
+    torque
+        Mean torque, positive in the direction of travel, shape (rows,), N m; NaN if unknown.
+    pull, pull_std
+        Mean measured drawbar pull, and its standard deviation, shape (rows,), N; NaN if unknown.
     contact
-        The wheels on their soil, a row each.
+        The wheels on their soil under their mean loads, a row each.
     level
-        Zero of the imu ahead, and its deviation, (steps, 2), m/s^2.
+        Zero of the imu's specific force ahead, and its standard deviation, shape (steps, 2), m/s^2.
     unlisted
-        Share of the weight on wheels that are not listed, shape (steps,).
+        Share of the weight on wheels that are not listed, shape (steps,), 1.
     along
-        Share of each wheel's pull along the course, shape (rows,), where wheels are steered.
+        Cosine of the angle between the wheel's heading and the vehicle's course, shape (rows,), 1.
     """
 
     end: Integers
@@ -75,11 +88,11 @@ class Steps:
     force: Array
     force_std: Array
     soil: Integers
-    step: Integers  # of each wheel's row
+    step: Integers
     wheel: Integers
     slip: Array
     slip_std: Array
-    torque: Array  # N m, in the way of the travel
+    torque: Array
     pull: Array
     pull_std: Array
     contact: OnSoil
@@ -89,20 +102,28 @@ class Steps:
 
 
 class Excitation(NamedTuple):
-    """Ranges of load (N) and |slip| over the measurements; the load is inf before the first."""
+    """Ranges of load and |slip| over the measurements of the strength.
+
+    Attributes
+    ----------
+    load
+        Least and largest load, N; inf and 0 before the first measurement.
+    slip
+        Least and largest |slip|, 1; 1 and 0 before the first measurement.
+    """
 
     load: tuple[float, float] = (math.inf, 0.0)
     slip: tuple[float, float] = (1.0, 0.0)
 
     def widened(self, load: Array, slip: Array) -> Excitation:
-        """The ranges widened by a step's wheels.
+        """Return the ranges widened to include a step's wheels.
 
         Parameters
         ----------
         load
-            Shape (wheels,), N.
+            Loads, shape (wheels,), N.
         slip
-            Shape (wheels,).
+            |slip|, shape (wheels,), 1.
         """
         return Excitation(
             (min(self.load[0], float(load.min())), max(self.load[1], float(load.max()))),
@@ -112,7 +133,15 @@ class Excitation(NamedTuple):
 
 @dataclass
 class StepState:
-    """Rows of the step in progress, and the imu's zero so far."""
+    """State carried from block to block.
+
+    Attributes
+    ----------
+    open
+        Rows of the step in progress; None if there are none.
+    level
+        Estimator of the imu's zero.
+    """
 
     open: _StepRows | None = None
     level: Level = field(default_factory=Level)
@@ -129,20 +158,20 @@ def steps(
     state
         State carried from block to block; it is updated.
     rows
-        Readings.
+        Readings of all wheels.
     load, load_std
         Load without noise and its standard deviation, shape (rows,), N.
     version
-        Version of the soil at each row, shape (rows,).
+        Number of the version of the soil under the wheel, shape (rows,).
     soils
-        The soils by version.
+        The soils by version; versions that no row needs any more are dropped from it.
     settings
         The pipeline's settings.
 
     Returns
     -------
     Steps or None
-        None if none ends.
+        None if no step ends. A step may have no rows of wheels, where no slip or load is known.
     """
     state.level.take(rows)
     carried = version if state.open is None else np.concatenate([version, state.open.version])
@@ -166,7 +195,11 @@ def steps(
 
 
 def _bounds(rows: _StepRows) -> tuple[list[tuple[int, int, int]], int, list[float], int]:
-    """First, last + 1 and ending row of each step; how many; their lengths (m); where the open one begins."""
+    """Split rows into steps.
+
+    Returns the first row, last + 1 and the ending row of each step; the number of steps; their lengths (m);
+    and the row at which the step in progress begins.
+    """
     distance = np.maximum.accumulate(rows.distance)
     gaps = np.diff(rows.stamp, prepend=rows.stamp[0])
     turned = np.cumsum(np.abs(rows.rim_speed) * gaps / SECOND)
@@ -247,7 +280,12 @@ def _contacts(
     rows: _StepRows, inside: Integers, group: Integers, good: Flags, at: tuple[Array, Array], soils: Soils,
     settings: OnboardSettings,
 ) -> OnSoil:  # fmt: skip
-    """Mean contact of the wheels of steps that are good: under the mean load on each version of the law."""
+    """Mean contact of wheels over their steps, a row for each group that is `good`.
+
+    A group is the rows of one wheel in one step. The wheel is put on each version of the law that it has met
+    in the step, under the mean load there, and the results are averaged. row `inside[i]` belongs to
+    `group[i]`; at: slip and speed (m/s) of each group.
+    """
     some = good[group] & np.isfinite(rows.load[inside])
     row, of = inside[some], (np.cumsum(good) - 1)[group[some]]
     versions, version = np.unique(rows.version[row], return_inverse=True)
@@ -271,7 +309,7 @@ def _contacts(
 
 
 def _of_vehicle(step: Integers, values: Array) -> Array:
-    """Means over all rows of each step; NaN where one is not known."""
+    """Means over all rows of each step, (steps,); NaN where one is unknown. step: of each row, -1: none."""
     inside = step >= 0
     count = np.bincount(step[inside])
     total = np.bincount(step[inside], weights=values[inside])

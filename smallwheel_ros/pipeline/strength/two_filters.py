@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soils' strength from steps of the path: the belief at each, for the present pull and for the margin."""
+"""The soils' strength from steps of the path, by two filters: for the present pull, and for the margin."""
 
 from __future__ import annotations
 
@@ -25,16 +25,21 @@ from .steps import Excitation, Steps
 # rad, of any ground: wet ice has a friction angle of 0.1, dry sands and loams 0.47 to 0.6, asphalt 0.7.
 _ANY_FRICTION_STD = 0.25
 _DRAG = 0.2  # of the load on a wheel that is only dragged along
-RECENT = 2.0  # s: a step that ended longer ago says nothing of now
+RECENT = 2.0  # s: the mean slip of a step that ended longer ago is not that of now
 
 
 def of_any_ground(strength: Strength) -> Strength:
-    """Strength from which the estimate of a margin starts, if only the kind of soil is known.
+    """Return the strength from which the estimate of a margin starts if only the kind of soil is known.
 
-    What a wheel gains when it slips and sinks further is cohesion times an area that it has not touched yet,
-    and soils of one name differ most in cohesion (dry sand 0.2 to 2.3 kPa). The cohesion is therefore that of
+    When a wheel slips and sinks further, it gains cohesion times an area that it has not touched yet, and
+    soils of one name differ most in cohesion (dry sand 0.2 to 2.3 kPa). The cohesion is therefore that of
     any ground, or the soil's own if that is less; its standard deviation is such that the soil's own lies
-    within two of them.
+    within two of them. The friction angle's standard deviation is increased by that of any ground.
+
+    Parameters
+    ----------
+    strength
+        Strength of the named soil.
     """
     any_ground, own = any_strength().cohesion, strength.cohesion.value
     value = min(own, any_ground.value)
@@ -45,17 +50,38 @@ def of_any_ground(strength: Strength) -> Strength:
 class Strengths:
     """Estimates the strength from steps of the path.
 
+    Parameters
+    ----------
+    strength
+        Prior of the soil's strength.
+    wheels
+        All wheels.
+    rolling
+        Numbers of those that roll, shape (rolling wheels,).
+    mass
+        Mass of the vehicle, kg; 0 if unknown.
+    effects
+        Effects of the model; those that act on the pressure change the forces.
+    measured
+        Whether `strength` was measured on this ground; otherwise the margin starts from `of_any_ground`.
+    gravity
+        Acceleration of gravity, m/s^2.
+
     Attributes
     ----------
     believed
-        States of both filters after each step, the newest last.
+        Versions of the strength: states of both filters, `now` and `reserve`, after each step.
     now
-        Filter for the present pull: uses everything, and starts from the named soil.
+        Filter for the present pull: uses all measurements, and starts from `strength`.
     reserve
-        Filter for the margin: starts from any ground (`of_any_ground`), and uses only the balance once
-        there is one, since a wheel's torque or pull only shows its own place.
-    measured
-        Whether the initial strength was measured on this ground.
+        Filter for the margin: starts from `of_any_ground`, unless `measured`, and uses only the balance of
+        the vehicle's forces once there is one, since a wheel's torque or pull only shows its own place.
+    steps
+        Number of steps in which anything was measured.
+    sources
+        Measurements used so far: 'balance', 'torque', 'pull'.
+    excitation
+        Ranges of load and slip in these steps on the present soil.
     """
 
     def __init__(
@@ -77,7 +103,7 @@ class Strengths:
         self.believed = Versions(self._now(np.full(rolling.size, np.nan), -math.inf))
 
     def _begin(self, soil: int) -> None:
-        """Know nothing but the priors, on a soil."""
+        """Reset both filters to their priors. soil: number of the soil under the wheels."""
         self.now, self.reserve = (
             StrengthFilter(prior, self._own, self.mass) for prior in self._priors
         )
@@ -89,20 +115,20 @@ class Strengths:
         self.excitation = Excitation()
 
     def take(self, steps: Steps, anew: Sequence[int] = ()) -> Integers:
-        """Update the strength with steps.
+        """Update the strength with steps; each makes a new version, and older ones are dropped.
 
         Parameters
         ----------
         steps
             The steps.
         anew
-            Stamps at which the strength is learnt anew, ns: what was learnt before is dropped, and so is
-            the step in progress.
+            Stamps at which the strength is learnt anew, rising, ns: what was learnt before is dropped, and
+            the step in which such a stamp lies is not used.
 
         Returns
         -------
         ndarray
-            Stamps from which on each new version holds, shape (steps,), ns.
+            Stamps after which each new version holds, shape (steps,), ns.
         """
         self.believed.forget(())
         for number in range(steps.end.size):
@@ -124,18 +150,23 @@ class Strengths:
     def rolling(
         self, wheel: Integers, on: OnSoil, slip: Array, along: Array | None = None
     ) -> Rolling:
-        """Rows of rolling wheels in the form that the filters' forces use.
+        """Collect all that the forces of rolling wheels depend on except the filter's state.
 
         Parameters
         ----------
         wheel
-            Number among all wheels, shape (rows,).
+            Number of the wheel among all, shape (rows,).
         on
-            The wheels on their soil.
+            The wheels on their soil, a row each.
         slip
-            Shape (rows,).
+            Slip, shape (rows,), 1.
         along
-            Share of each wheel's pull along the vehicle's course, shape (rows,); None: all of it.
+            Cosine of the angle between the wheel's heading and the vehicle's course, shape (rows,); None: 1.
+
+        Returns
+        -------
+        Rolling
+            A row for each wheel given.
         """
         diameter, width = self._sizes[wheel].T
         along = np.ones(1) if along is None else along
@@ -186,13 +217,24 @@ class Strengths:
         return two[0], two[1]
 
     def at(self, versions: Integers) -> tuple[Believed, Believed]:
-        """The strengths for the present pull and for the margin, for rows that name versions."""
+        """Return the states of both filters for rows.
+
+        Parameters
+        ----------
+        versions
+            Number of each row's version, shape (rows,).
+
+        Returns
+        -------
+        now, reserve : Believed
+            States for the present pull and for the margin, stacked: arrays have a leading axis of rows.
+        """
         kinds, index = np.unique(versions, return_inverse=True)
         now, reserve = zip(*[self.believed[kind] for kind in kinds.tolist()], strict=True)
         return Believed.stacked(now, index), Believed.stacked(reserve, index)
 
     def record(self) -> dict[str, Any] | None:
-        """State to be saved; None before the first measurement."""
+        """Return the state to be saved, in types of JSON; None before the first measurement."""
         if not self.steps:
             return None
         mean, covariance = zip(self.now.strength, self.reserve.strength, strict=True)
@@ -202,16 +244,24 @@ class Strengths:
             "covariance": np.array(covariance).tolist(),
             "steps": self.steps,
             "sources": sorted(self.sources),
-            # None: on the newest soil nothing was measured yet.
+            # None if nothing was measured yet on the newest soil.
             "excitation": None
             if self.excitation == Excitation()
             else [list(bounds) for bounds in self.excitation],
         }
 
     def restore(self, record: Any) -> None:
-        """Restore a `record` before any step; None: start from the prior.
+        """Restore a state before any step.
 
-        Raises ValueError, and changes nothing, where it is of another prior.
+        Parameters
+        ----------
+        record
+            What `record` returned; None leaves the prior.
+
+        Raises
+        ------
+        ValueError
+            If it was saved under another prior; nothing is changed then.
         """
         if record is None:
             return
@@ -235,7 +285,7 @@ class Strengths:
         return [n for one in filters for n in one.prior]
 
     def _change(self, soil: int) -> None:
-        """Go on on another soil, with what is known of it, or else by what the last one tells."""
+        """Continue on another soil: with its remembered strength, or else with what the last soil implies."""
         filters = self.now, self.reserve
         self._soils.pop(self._soil, None)
         self._soils[self._soil] = [one.strength for one in filters]

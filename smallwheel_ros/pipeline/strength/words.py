@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strength's estimate in the terms of the field; what is determined of it, and what is not."""
+"""The soil's strength as reported: its parameters, which of them are determined, and why others are not."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from .forces import COHESION, FRICTION, OTHER, SHEAR, Believed
 from .steps import Excitation
 from .two_filters import Strengths
 
-# Of the prior's deviation of friction, at most: then data tell as much of what is held as the prior does.
-# Another soil begins with at least as much left, so that something has to tell of it.
+# Share of the prior's deviation of friction up to which thrust is determined: the data then give as much
+# information about it as the prior. Another soil begins with a larger share, so that it has to be measured.
 _HELD = math.sqrt(0.5)
-_SAME_LOAD, _SAME_SLIP = 1.3, 0.1  # largest over smallest; apart
+_SAME_LOAD, _SAME_SLIP = 1.3, 0.1  # largest over smallest, largest less smallest, that hardly vary
 _NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance")
 _LIMITS = {"thrust": _HELD}
 _NEEDS = {
@@ -33,22 +33,23 @@ _NEEDS = {
 
 @dataclass(frozen=True)
 class StrengthEstimate:
-    """The present estimate of the soil's strength; SI units, every number finite.
+    """The present estimate of the soil's strength; every number is finite.
 
     Attributes
     ----------
     cohesion, friction_angle, shear_displacement
-        Pa, rad, m; the last includes by how much forms of the shear curve differ in it.
+        Value and standard deviation, Pa, rad, m; the deviation of the last includes the difference between
+        forms of the shear curve.
     other_resistance
-        Motion resistance that is not in the law, as a share of the load.
+        Motion resistance that is not in the law, over load, 1.
     steps
         Number of steps of the path used; 0: the strength is the configured one.
     sources
-        Which of balance, torque and pull have measured it.
+        Which measurements were used: 'balance' (of the vehicle's forces), 'torque', 'pull'.
     remaining
-        Ratio of posterior to prior standard deviation of each of these by name, and of `thrust`.
+        Ratio of posterior to prior standard deviation, 1, by the names of the four parameters and 'thrust'.
     status
-        What is not determined and why, in words; empty if everything is.
+        Sentences that say what is not determined, and why; empty if everything is.
     """
 
     cohesion: Quantity
@@ -62,12 +63,12 @@ class StrengthEstimate:
 
     @property
     def determined(self) -> bool:
-        """Whether at most half of friction's initial variance is left in what carries thrust."""
+        """Whether thrust is determined: at most half of the friction angle's prior variance is left."""
         return self.remaining["thrust"] <= _HELD
 
     @property
     def verdicts(self) -> dict[str, str]:
-        """For each parameter, whether it is determined, and how far."""
+        """Whether each number of `remaining` is determined, with its ratio in per cent, in words, by name."""
         return {
             name: ("determined" if left <= _LIMITS.get(name, DETERMINED) else "not determined")
             + f": {100.0 * left:.0f} % of the prior's standard deviation is left"
@@ -76,12 +77,18 @@ class StrengthEstimate:
 
 
 def strength_of(strengths: Strengths) -> StrengthEstimate:
-    """The newest estimate, by the filter for the margin."""
+    """Return the newest estimate of the strength, by the filter for the margin.
+
+    Parameters
+    ----------
+    strengths
+        Estimator of the strength.
+    """
     believed = strengths.believed.newest[1]
     mean = believed.x[:STRENGTH]
     deviation = _deviations(believed)
     remaining = dict(zip(_NAMES, (deviation / strengths.reserve.prior_std).tolist(), strict=True))
-    # The most that is held under a load, c A + W tan(phi): nearly all of it is friction.
+    # The largest thrust under a load is c A + W tan(phi): nearly all of it is friction.
     remaining["thrust"] = remaining["friction_angle"]
     return StrengthEstimate(
         **constants_of(believed),
@@ -94,7 +101,18 @@ def strength_of(strengths: Strengths) -> StrengthEstimate:
 
 
 def constants_of(believed: Believed) -> dict[str, Quantity]:
-    """Cohesion (Pa), friction angle (rad) and shear displacement (m) in a filter's state."""
+    """Return the parameters of strength in a filter's state, with standard deviations.
+
+    Parameters
+    ----------
+    believed
+        State of the filter.
+
+    Returns
+    -------
+    dict of Quantity
+        'cohesion' (Pa, at least 0), 'friction_angle' (rad), 'shear_displacement' (m).
+    """
     mean, deviation = believed.x, _deviations(believed)
     shear = math.exp(float(mean[SHEAR]))
     return {
@@ -107,52 +125,64 @@ def constants_of(believed: Believed) -> dict[str, Quantity]:
 
 
 def _deviations(believed: Believed) -> Array:
-    """Standard deviations of the numbers of the soil's strength."""
+    """Standard deviations of the state's first four numbers: c, phi, ln K, rho."""
     return np.asarray(np.sqrt(np.maximum(np.diag(believed.P)[:STRENGTH], 0.0)))
 
 
 def is_determined(P: Array, prior_std: Array) -> Flags:
-    """Whether the margin is determined: half of the prior's variance of friction, its main part, is gone.
+    """Whether a strength is determined: at most half of the friction angle's prior variance is left.
+
+    Friction is the main part of a thrust.
 
     Parameters
     ----------
     P
-        Covariance of the state, shape (rows, size, size).
+        Covariances of the filter's state, shape (rows, size, size).
     prior_std
-        Standard deviations of the state before any measurement, shape (size,).
+        Standard deviations of (c, phi, ln K, rho) before any measurement, shape (4,).
 
     Returns
     -------
     ndarray
-        Shape (rows,), bool.
+        Mask of shape (rows,).
     """
     return np.asarray(P[:, FRICTION, FRICTION] <= (_HELD * prior_std[FRICTION]) ** 2)
 
 
 def is_told(P: Array, prior_std: Array) -> Flags:
-    """Whether measurements have reduced the standard deviation of friction since the first step.
+    """Whether the standard deviation of the friction angle is below that of the prior, by any measurement.
 
     Parameters
     ----------
     P
-        Covariances of the state, shape (rows, size, size).
+        Covariances of the filter's state, shape (rows, size, size).
     prior_std
-        Standard deviations of the state before any measurement, shape (size,).
+        Standard deviations of (c, phi, ln K, rho) before any measurement, shape (4,).
+
+    Returns
+    -------
+    ndarray
+        Mask of shape (rows,).
     """
     return np.asarray(P[:, FRICTION, FRICTION] < prior_std[FRICTION] ** 2)
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:
-    """List the sources of strength that are not in use, with what each needs and what it would add.
+    """List the sources of strength that are not in use, with what each needs or would add.
 
     Parameters
     ----------
     sources
-        Sources that are in use.
+        Sources in use: 'balance', 'torque', 'pull'.
     mass
         Mass of the vehicle, kg; 0 if not given.
     torque
-        Whether torque is measured.
+        Whether torques are configured, even if none has been used yet.
+
+    Returns
+    -------
+    dict of str
+        Sentences by source: 'balance', 'torque', or neither.
     """
     found = {}
     if "balance" not in sources:

@@ -2,7 +2,7 @@
 """Twist of the vehicle with a covariance that grows with slip: rows of rims and imu in, Twists out.
 
 For vehicles with encoders and an imu, and a ground speed where there is one. The filter is that of
-`twist_filter`. An instant uses only what was stamped before it, so that blocks may be cut anywhere.
+`twist/filter.py`. An instant uses only rows stamped up to it, so that blocks may be cut anywhere.
 Doubted and implausible rows are left out.
 """
 
@@ -29,35 +29,38 @@ from .filter import LONGEST, TwistFilter
 
 Rows = Mapping[str, tuple[Integers, Array]]  # of streams by name: stamps (N,) ns, values (N, width)
 
-_CHI = 1.5  # effective over geometric track to begin with, of skid steering; 1 on one axle
-_ACROSS = 0.3  # rad of a course, over which the way aside counts
-_PART = 0.1  # s in which late rims are carried on by the imu
+_CHI = 1.5  # initial ratio of effective to geometric track of skid steering; 1 on one axle
+_ACROSS = 0.3  # rad of a course, from which on rows are left out: the filter has no way aside
+_PART = 0.1  # s: longest interval in which the twist is predicted from late rims to their stamp
 # m/s, rad/s, m/s^2: no vehicle and no imu of one has more
 _FASTEST, _TURNS, _SHAKES = 100.0, 35.0, 500.0
 _UNKNOWN = 1e6  # variance of what is not measured: 0 would be certain, 1e308 makes NaN in filters
 
 
 class TwistError(SmallwheelError):
-    """The vehicle's rims do not determine a twist."""
+    """The vehicle has no rolling wheel on one of its sides, so that its rims do not determine a twist."""
 
 
 @dataclass(frozen=True)
 class Twists(Columns):
-    """The vehicle's twist at each stamp of the rims; nothing in it is ever NaN.
+    """The vehicle's twist at each stamp of the rims; no value is NaN.
 
     Attributes
     ----------
     stamp
-        ns, of the rims.
-    vx, vx_var, vy_var
-        m/s, m^2/s^2: ahead, of one reading. vy is 0 and vy_var the variance of its error: an estimate of vy
-        dead-reckons worse than 0.
+        Stamp of the rims, ns.
+    vx, vx_var
+        Speed ahead, m/s, and the variance of its error at one row, m^2/s^2.
+    vy_var
+        Variance of the error of a speed of 0 to the left, m^2/s^2: dead reckoning with 0 is better than with
+        an estimate.
     yaw, yaw_var
-        rad/s, rad^2/s^2: of the rims alone where both sides are there, so that a gyro may be fused as well.
+        Yaw rate, rad/s, and the variance of its error, rad^2/s^2; from the rims alone where both sides are
+        known, so that a gyro may be fused as well.
     slip
-        1: learnt ratio of the slip speed's deviation to the rim's speed.
+        Learnt standard deviation of the slip speed over the rim's speed, 1.
     period
-        s from row to row, over the last twenty.
+        Mean time from row to row over the last twenty rows, s.
     """
 
     stamp: Integers
@@ -71,7 +74,20 @@ class Twists(Columns):
 
 
 class TwistState:
-    """State carried from block to block: the filter, and the rows of each stream that are still needed."""
+    """State carried from block to block: the filter, and the rows of each stream that are still needed.
+
+    Parameters
+    ----------
+    vehicle
+        Settings of the vehicle.
+    settings
+        Settings of the twist.
+
+    Raises
+    ------
+    TwistError
+        If no wheel rolls on the left side, or none on the right.
+    """
 
     def __init__(self, vehicle: OnboardSettings, settings: TwistSettings) -> None:
         rolling = [wheel for wheel in vehicle.wheels if wheel.contact == ROLLING]
@@ -93,28 +109,35 @@ class TwistState:
         self.last = -2 * LONGEST  # stamp of the last row, ns
         self.level: Array = np.zeros(
             2
-        )  # m/s^2 of gravity felt ahead and left, by the last orientation
+        )  # m/s^2 of gravity ahead and to the left, by the last known orientation
         places = np.array([np.mean([w.lateral_position for w in side]) for side in sides])
         axles = {w.longitudinal_position for side in sides for w in side}
         # Steered wheels turn the vehicle without skidding.
         self.track = places, _CHI if len(axles) > 1 and not vehicle.steered else 1.0
         self.filter = TwistFilter(*self.track)
-        self.anew: list[int] = []  # stamps of doubts that rows have not reached yet
+        self.anew: list[int] = []  # stamps still to come at which the filter begins anew
 
 
 def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
-    """Compute twists at the stamps of the rims among these rows.
+    """Compute twists at the stamps of the rims in a block of rows.
 
-    Doubted rows are left out, and so are sides without a wheel, and rows without both sides.
+    Stamps at which the rims of neither side are known are left out. The speed of a side is the mean of its
+    wheels that are known.
 
     Parameters
     ----------
     state
         State carried from block to block; it is updated.
     rows
-        All rows of each stream since the last call, up to one stamp; NaN where doubted.
+        All rows of each stream since the last call, up to one stamp for all streams, by name: stamps (ns)
+        and values, shape (rows,) and (rows, width); NaN where doubted.
     anew
-        Stamps at which a doubt begins, ns: the filter then forgets what it has learnt.
+        Stamps at which a doubt begins, ns, rising: the filter then forgets what it has learnt.
+
+    Returns
+    -------
+    Twists
+        One row for each stamp; empty if there are none.
     """
     state.anew += anew
     streams = _streams(state, rows)
@@ -151,7 +174,7 @@ def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
         found[i] = state.filter.told(both[i], later)
         state.last = stamp
     newest = max((int(own[-1]) for own, _ in streams.values() if own.size), default=0)
-    for name, (own, values) in streams.items():  # whatever comes is stamped behind the newest
+    for name, (own, values) in streams.items():  # rows to come are newer than the newest
         keep = own > newest - LONGEST - delay - state.hold
         state.tail[name] = own[keep], values[keep]
     return Twists(stamps, *found.T)
@@ -160,9 +183,9 @@ def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
 def _sides_of_steered(
     state: TwistState, streams: Mapping[str, _Stream], stamps: Integers
 ) -> tuple[Array, Array]:
-    """Speeds ahead (m/s) of both sides by the rigid motion of steered wheels; NaN where it goes across.
+    """Speeds ahead (m/s) of both sides by the rigid motion of steered wheels, shape (stamps,) each.
 
-    The filter knows no way aside.
+    NaN where the vehicle moves sideways, for which the filter has no state.
     """
     rims = np.array([_held(*streams[n], stamps, state.hold)[:, 0] for n in state.radius])
     angle = np.array(
@@ -178,22 +201,25 @@ def _sides_of_steered(
 
 
 def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array]:
-    """Fields of geometry_msgs/TwistWithCovariance: linear and angular velocity and covariance.
+    """Compute the fields of geometry_msgs/TwistWithCovariance.
 
     An EKF takes the errors of messages as independent, but errors due to slip last: variances are therefore
-    multiplied by 2 correlation_time / period.
+    multiplied by 2 correlation_time / period, or by 1 where that is less.
 
     Parameters
     ----------
     rows
         The twists.
     settings
-        Settings, with the time for which errors of slip are correlated.
+        Settings of the twist, of which `correlation_time` (s) is used.
 
     Returns
     -------
-    linear, angular, covariance : ndarray
-        Shape (rows, 3), m/s; (rows, 3), rad/s; (rows, 36).
+    linear, angular : ndarray
+        Velocities, shape (rows, 3), m/s and rad/s; those that are not estimated are 0.
+    covariance : ndarray
+        Shape (rows, 36): 6 x 6 by rows, in the order of the message, SI; at most 1e6, which is the variance
+        of what is not estimated.
     """
     white = np.maximum(1.0, 2.0 * settings.correlation_time / rows.period)
     linear, angular = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
@@ -205,18 +231,19 @@ def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array
     return linear, angular, covariance.reshape(-1, 36)
 
 
-_GYRO, _FORCE = "imu yaw rate", "imu force"  # of the imu's readings, each where it is good
+_GYRO, _FORCE = "imu yaw rate", "imu force"  # plausible readings of the imu's two sensors
 _Stream = tuple[Integers, Array]
 _NONE: _Stream = np.empty(0, dtype=np.int64), np.empty((0, 10))
 
 
 def _streams(state: TwistState, rows: Rows) -> dict[str, _Stream]:
-    """Rows that can be used, after those that are still there from before; rims in m/s."""
+    """Plausible rows by stream, those kept from earlier first; rims in m/s, force without gravity."""
 
     def read(stream: str) -> _Stream:
         return rows.get(stream, _NONE)
 
     def good(name: str, stamps: Integers, values: Array, most: float) -> None:
+        """Put into `found` the rows kept from earlier, and newer ones with |values| of at most `most`."""
         before = state.tail.get(name, (stamps[:0], values[:0]))
         keep = (np.abs(values) <= most).all(axis=1)  # NaN is not
         known = np.concatenate([before[0][-1:], np.where(keep, stamps, -1)])
@@ -248,7 +275,10 @@ def _streams(state: TwistState, rows: Rows) -> dict[str, _Stream]:
 
 
 def _level(state: TwistState, level: Array) -> Array:
-    """What gravity has in the accelerometer, (N, 2); of an orientation that is lost, the last one."""
+    """Gravity's part of the specific force ahead and to the left, (N, 2), m/s^2.
+
+    level: the same, as the imu's orientation gives it. Where that is unknown, the last known one is used.
+    """
     known = (np.abs(level) <= 1.1 * state.gravity).all(axis=1)
     index = np.maximum.accumulate(np.where(known, np.arange(known.size), -1))
     filled = np.where(index[:, None] >= 0, level[index], state.level)
@@ -257,7 +287,7 @@ def _level(state: TwistState, level: Array) -> Array:
 
 
 def _mean(values: Array) -> Array:
-    """Mean over the first axis of what is there; NaN where nothing is."""
+    """Mean over the first axis, without NaN; NaN where all are NaN."""
     there = ~np.isnan(values)
     count = there.sum(axis=0)
     sums = np.where(there, values, 0.0).sum(axis=0)
@@ -274,7 +304,10 @@ def _held(stamps: Integers, values: Array, at: Integers, hold: int) -> Array:
 
 
 def _felt(gyro: _Stream, force: _Stream, start: Integers, end: Integers, hold: int) -> Array:
-    """Means of yaw rate and force over (`start`, `end`], (N, 3), or what is held, or NaN."""
+    """Means of yaw rate and force over the intervals (`start`, `end`], (N, 3).
+
+    The last value is used for an interval without readings, and NaN if that is older than `hold` ns.
+    """
     found = np.empty((end.size, 3))
     for columns, (stamps, values) in ((slice(0, 1), gyro), (slice(1, 3), force)):
         held = _held(stamps, values, end, hold)
@@ -289,7 +322,10 @@ def _felt(gyro: _Stream, force: _Stream, start: Integers, end: Integers, hold: i
 def _ground(
     state: TwistState, stream: _Stream | None, start: Integers, end: Integers
 ) -> tuple[Array, Array]:
-    """Speed over ground of the vehicle's middle and its deviation, m/s, each message once; else NaN."""
+    """Speed over ground of the vehicle's middle and its deviation, m/s, by the newest message of an interval.
+
+    NaN for intervals (`start`, `end`] without a message, so that each message is used only once.
+    """
     if stream is None or not stream[0].size:
         return np.full(end.size, np.nan), np.full(end.size, np.nan)
     stamps, values = stream
