@@ -70,7 +70,7 @@ class Mirrored:
 
 
 class Dead:
-    """Path over which a joint shows exactly 0 on straight rows on which most others roll."""
+    """Measures the path over which a joint shows exactly 0 on straight rows on which most others roll."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
@@ -98,7 +98,7 @@ class Dead:
 
 
 class Held:
-    """How often most other joints change while one repeats the same value, not 0, bit for bit.
+    """Counts how often most other joints change while one repeats a value other than 0 bit for bit.
 
     Two kinds of values are excused: the largest one seen, if joints of both sides have shown it, since it is
     then a limit of the motor drivers; and one that another joint repeats bit for bit at the same time.
@@ -143,7 +143,7 @@ class Held:
 
 
 class TurnRule:
-    """Wheels, gyro and odometry each show the direction of turning: two outvote the third."""
+    """Compares the direction of turning by wheels, gyro and odometry: two outvote the third."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle
@@ -202,7 +202,7 @@ class TurnRule:
 
 
 class AnotherUnit:
-    """Ratio of the rims' path to the odometry's from the beginning of the drive.
+    """Compares the path of the rims with that of the odometry, to find joints in another unit.
 
     A wrong unit gives the same ratio from the first metre to the last, and slip does not: one piece of
     path with an ordinary ratio rules out a wrong unit for the rest of the drive.
@@ -251,7 +251,7 @@ class AnotherUnit:
 
 
 class RollingAll:
-    """Ratio of each rim's path to the odometry's on straight, level metres."""
+    """Compares the path of the rims with that of the odometry on straight, level metres."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.y, n = vehicle.y, len(vehicle.names)
@@ -307,7 +307,7 @@ class RollingAll:
 
 
 class RollingPair:
-    """Ratio of a rim's path to that of another rim on its side, metre by metre; bends cancel."""
+    """Compares the paths of two rims of one side metre by metre, to find a wrong diameter; bends cancel."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         n, self.names = len(vehicle.names), vehicle.names
