@@ -186,7 +186,7 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
 def _heading(
     urdf: Urdf, given: Mapping[str, object], silent: list[str], filled: Filled
 ) -> VehicleHeading:
-    """Direction in which the vehicle faces in the base frame; notes about it are added to `filled.lacking`."""
+    """Direction in which the vehicle faces in the base frame; remarks on it are added to `filled.lacking`."""
     wheels, base = {}, BASE
     for wheel in wheel_names(given.get("wheels")):
         try:

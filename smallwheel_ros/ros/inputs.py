@@ -158,6 +158,7 @@ class Inputs:
             profile: QoSProfile = INPUT,
             **how: Any,
         ) -> None:
+            """Subscribe to a topic; `to` is called with its messages, `how` goes to create_subscription."""
             self._subscriptions.append(
                 self._node.create_subscription(
                     kind, topic, to, profile, event_callbacks=NO_SUBSCRIPTION_EVENTS, **how

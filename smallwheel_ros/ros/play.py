@@ -76,6 +76,10 @@ class PlayedRecording:
         Time at which each unanswered sinkage was played, by time.monotonic(), s, by its stamp (ns).
     latencies
         Time from each sinkage to its estimate, s.
+    diagnostics
+        The newest text of each entry of the diagnostics, by its name.
+    diagnosed
+        Number of messages of diagnostics.
     """
 
     mobility: list[dict[str, Any]] = field(default_factory=list)

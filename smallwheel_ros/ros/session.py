@@ -201,6 +201,7 @@ class Session:
         cost, outputs, inputs = self._outputs.cost, self._outputs, self._inputs
 
         def guarded(name: str, work: Callable[[Any], None]) -> Callable[[Any], None]:
+            """Make a callback of `work` whose failures are counted under topic `name`."""
             return lambda message: self._safely(name, work, message)
 
         inputs.listen(

@@ -61,8 +61,8 @@ class Trust:
     variance
         Variance of the speed, m^2/s^2.
     lag
-        Delay of the speed after the motion of the wheels, s; as long as it is unknown, the largest that is
-        usual (`LATE`).
+        Delay of the speed after the motion of the wheels, s; as long as it is unknown, the largest usual one,
+        0.5 s.
     of_wheels
         Whether the speed is computed from the wheels.
     may_be

@@ -195,8 +195,8 @@ class Against:
         rise
             Sine of the slope, nose up, shape (rows,); NaN if unknown.
         felt
-            Specific force ahead by the imu, minus gravity's part by its own orientation, shape (rows,),
-            m/s^2; NaN if unknown.
+            Specific force ahead by the imu, less the part of gravity that its orientation implies (nothing
+            without an orientation), shape (rows,), m/s^2; NaN if unknown.
 
         Returns
         -------

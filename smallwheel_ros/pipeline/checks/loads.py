@@ -186,7 +186,7 @@ class Swapped:
 
 
 class Impossible:
-    """Median sinkage while the vehicle moves: no wheel rolls above the ground or sunk past its axle."""
+    """Judges the median sinkage in motion: no wheel rolls above the ground, or sunk past its axle."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle

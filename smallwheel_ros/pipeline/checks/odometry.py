@@ -54,7 +54,7 @@ class NoTwist:
 
 
 class ZDown:
-    """Whether most rows of the imu have z pointing down; all rules then read its gyro turned over."""
+    """Reports an imu in most of whose rows z points down; all rules then use its gyro turned over."""
 
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
@@ -100,7 +100,7 @@ class RepeatedTwists:
 
 
 class OfWheelsRule:
-    """Whether the odometry is computed from the wheels; then no other rule uses it as evidence."""
+    """Reports an odometry that is computed from the wheels; no other rule then uses it as evidence."""
 
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
@@ -118,10 +118,10 @@ class OfWheelsRule:
 
 
 class Late:
-    """The lag at which changes of the odometry's speed over 0.5 s follow those of the rims best.
+    """Finds the lag at which changes of the odometry's speed over 0.5 s follow those of the rims best.
 
-    Where ground gives way as the wheels start, slip grows while the speed does. That looks like a lag, too,
-    and the speed changes by far less than that of the rims: then the rule cannot tell.
+    Where ground gives way as the wheels start, slip grows together with the speed. That looks like a lag,
+    too, but the speed then changes by far less than that of the rims, and the rule does not report.
     """
 
     FOLLOWS = 0.75  # of the rims' changes; of less, slip is the usual reason

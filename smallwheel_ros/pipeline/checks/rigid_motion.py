@@ -66,7 +66,7 @@ def rows_along(x: Array, y: Array, angle: Array) -> Array:
     Returns
     -------
     ndarray
-        Shape (..., 3): 1, 1, m.
+        Shape (..., 3): factors of vx (1), of vy (1) and of the yaw rate w (m).
     """
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([cosine, sine, x * sine - y * cosine], axis=-1)
@@ -85,7 +85,7 @@ def rows_across(x: Array, y: Array, angle: Array) -> Array:
     Returns
     -------
     ndarray
-        Shape (..., 3): 1, 1, m.
+        Shape (..., 3): factors of vx (1), of vy (1) and of the yaw rate w (m).
     """
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([-sine, cosine, x * cosine + y * sine], axis=-1)

@@ -385,11 +385,11 @@ class Checks:
         drive.
     anew
         Stamps (ns) at which the soil is learnt anew, because a stream that it was learnt from turned
-        out to have been wrong from the beginning; one stamp for each such stream.
+        out to have been wrong from the beginning.
     done
         Stamp (ns) up to which raw rows were taken.
     holds
-        Faults that the rules report in the newest span.
+        Faults that the rules report at the end of the newest span of 2 s, new or not.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running quantities that the rules of `checks` keep from span to span.
+"""Running quantities that the rules of `checks` keep from span to span; a span is 2 s of stamps (`window`).
 
 All are bounded: nothing grows with the drive.
 """
@@ -27,7 +27,7 @@ MOST_SPANS = 300  # medians of spans that are kept: ten minutes
 
 @dataclass(frozen=True)
 class Said:
-    """A fault that a rule reports at the end of a span.
+    """A fault that a rule reports at the end of a span of 2 s.
 
     Attributes
     ----------
@@ -235,7 +235,13 @@ class RunningDeviation:
 
 
 class Medians:
-    """Median of each column over a drive: the median of the medians of the newest `most` spans."""
+    """Median of each column over a drive, as the median of medians of spans.
+
+    Parameters
+    ----------
+    most
+        Number of the newest spans that are kept.
+    """
 
     def __init__(self, most: int = MOST_SPANS) -> None:
         self._rows: deque[Array] = deque(maxlen=most)

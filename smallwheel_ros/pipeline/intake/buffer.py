@@ -28,7 +28,7 @@ class StampRules:
     silence
         Time after which a stream that sends nothing is no longer waited for.
     reorder
-        Time by which a message's stamp may be older than the newest stamp of all streams.
+        Time by which a stream that was silent may come late, against the newest stamp of all streams.
     gap
         Shortest time for which a value is held after its stamp.
     jump

@@ -123,7 +123,8 @@ class Warned(Columns):
     level
         0: none; 1: may get stuck; 2: gets stuck (the rolling wheels dig in).
     told
-        The level, at the one instant at which its warning is to be issued; else 0.
+        The level at instants at which its warning is to be issued: when it begins, and every 5 s as long as
+        it holds; else 0.
     """
 
     stamp: Integers

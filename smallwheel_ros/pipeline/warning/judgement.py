@@ -48,7 +48,8 @@ class Judged(Columns):
     median, lower_std, beyond
         Belief about ground ahead as given by `GroundMargin.ahead`, 1.
     asked
-        Pull over load that the vehicle is expected to need on, 1; NaN if unknown.
+        Pull over load that the last metre has required, and that the next is taken to require, 1; NaN if
+        unknown.
     risk
         Probability, 0 to 1, that ground ahead does not give `asked` at any slip; NaN if unknown.
     """
