@@ -205,11 +205,19 @@ def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def places_of(values: Mapping[str, Any]) -> dict[str, float]:
-    """Compute positions of wheels (m) from vehicle.track and vehicle.wheelbase and the wheels' names.
+    """Compute positions of wheels from vehicle.track, vehicle.wheelbase and the wheels' names.
 
-    They are returned by full name of the parameter, such as `front_left.lateral_position`, for wheels whose
-    names contain left, right, front, middle or rear as words. Values that are not positive numbers are
-    skipped, and reported by `problems`.
+    Parameters
+    ----------
+    values
+        Parameters by full name, `wheels` included; sizes that are not positive numbers are skipped, since
+        `problems` reports them.
+
+    Returns
+    -------
+    dict
+        Positions (m) by full name of the parameter, such as `front_left.lateral_position`, for wheels whose
+        names contain left, right, front, middle or rear as words.
     """
     track, base = (_length(values.get(f"vehicle.{name}")) for name in ("track", "wheelbase"))
     behind = 0.5 if values.get("vehicle.base_at") == "rear_axle" else 0.0
@@ -459,7 +467,7 @@ def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[CalibratedModel,
 
 
 def _refuse_what_cannot_be_honoured(file: str, model: Model) -> None:
-    """Refuse a law that the robot does not have: it would give other numbers than the bench."""
+    """Raise ParametersError for a model with a law that is not used on board, where results would differ."""
     if model.thrust_form != "stress_integral":
         raise ParametersError(
             f"{file}: thrust_form is {model.thrust_form}, expected stress_integral: on board pull and"

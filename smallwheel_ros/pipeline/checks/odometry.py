@@ -82,7 +82,7 @@ class RepeatedTwists:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        A source that is 0 throughout is not judged: none of its messages moves.
+        Spans in which the source shows nothing but 0 are skipped.
         """
         rows = window.imu if self.source == IMU else window.odometry
         if rows is None or window.rims is None or not np.nan_to_num(rows.x).any():

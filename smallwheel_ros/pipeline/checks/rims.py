@@ -38,7 +38,8 @@ class Mirrored:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        Wheels that turn on the spot or spin are not judged.
+        Only straight rows on which the wheel turns count. If all wheels turn against the travel the odometry
+        is reported, except where the vehicle may slide down a slope.
         """
         m = window.motion
         if m is not None:
@@ -215,8 +216,7 @@ class AnotherUnit:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        Only joints whose speeds come without positions are judged: there is nothing else to compare these
-        with.
+        Velocities that contradict the positions of their joint have been refused already (`VelocityUnit`).
         """
         m, known = window.motion, window.memory.known
         if m is None or self.ordinary or known.of_wheels or ODOMETRY in window.memory.doubted:
