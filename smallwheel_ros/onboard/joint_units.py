@@ -23,8 +23,8 @@ _STANDS = 30.0  # rad by velocities after which positions that have not moved ar
 _APART = 2.0
 # rad by positions, and a factor that no start from rest gives: beyond it nothing is used yet.
 _LITTLE, _FAR = 0.05, 4.0
-# Ticks of an encoder and rad, after which it is known within a fourth how far it has turned: positions of a
-# joint that stands flicker by less.
+# Ticks of an encoder, and rad, after which its turn is known within a fourth: positions of a joint at rest
+# flicker by less.
 _TICKS, _FLICKERS = 4, 0.01
 # Share of the time for which streams wait for late messages: messages wait here as long, while the unit is
 # unknown.

@@ -308,7 +308,7 @@ def settings_from(
     try:
         parameters = filled(Parameters, v)
         onboard = _onboard(parameters)
-        covariates_of(onboard.effects)  # refuses effects of what no stream tells
+        covariates_of(onboard.effects)  # refuses effects that read columns without a stream
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
     return NodeSettings(**_fields(parameters, Parameters), onboard=onboard)

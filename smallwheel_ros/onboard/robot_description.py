@@ -77,7 +77,7 @@ def silent_parameters(given: Mapping[str, object]) -> list[str]:
     except ParametersError:
         return []
     own = for_each_wheel(given)
-    # Of a wheel that is said not to be steered nothing of steering is asked.
+    # A wheel that is declared not to be steered lacks no parameters of steering.
     fixed = {wheel for wheel in wheels if own.get(f"{wheel}.steering_joint") == ""}
     names = [
         f"{wheel}.{name}"
@@ -167,7 +167,7 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
         for why, lacking in failed.items():
             filled.lacking.append(f"robot description: {', '.join(lacking)}: {why}")
         if f"{wheel}.frame" in silent:
-            with suppress(RobotDescriptionError):  # which other parameters of the wheel have said
+            with suppress(RobotDescriptionError):  # reported with the wheel's other parameters
                 filled.values[f"{wheel}.frame"] = _mounting(urdf, wheel, given)[0].child
         if (
             given.get(f"{wheel}.contact") != PRESSED
@@ -192,7 +192,7 @@ def _heading(
         try:
             wheels[wheel], base = _mounting(urdf, wheel, given)
             axis_of(urdf, wheels[wheel], base)
-        except RobotDescriptionError:  # said where its place is looked for
+        except RobotDescriptionError:  # reported where its position is looked for
             wheels.pop(wheel, None)
     wanted = {
         f"{wheel}.{name}" for wheel in wheels for name in (*_PLACE, "joint_sign", "steering_joint")
@@ -277,7 +277,7 @@ def _steering(
     try:
         mounting = _mounting(urdf, wheel, given)
         found = steering_of(urdf, *mounting, heading)
-    except RobotDescriptionError:  # said where its place is looked for
+    except RobotDescriptionError:  # reported where its position is looked for
         return {}
     if found is None:
         return {}

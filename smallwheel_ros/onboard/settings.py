@@ -24,8 +24,8 @@ VELOCITY = "velocity"
 VelocitySource = Literal["odometry", "topic", "none"]
 # m/s: at or below it vehicle and wheels stand, with no slip and no travel; one deviation of odometry's speed.
 STANDSTILL_SPEED = 0.01
-# m/s: a rim that drives is faster (encoders of one that stands show 0.02 at most), and what is slower has no
-# slip of the vehicle: that is a ratio of two speeds.
+# m/s: a rim that drives is faster (encoders of one at rest show 0.02 at most). Slower rims give no slip of
+# the vehicle, which is a ratio of two speeds.
 SLOWEST_RIM = 0.05
 # The body of a small vehicle is above its wheels.
 _GRAVITY_HEIGHT = 1.2  # mean diameters

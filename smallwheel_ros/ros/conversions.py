@@ -72,7 +72,7 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
     info.height, info.width = grid.cells.shape
     info.origin.position.x, info.origin.position.y = grid.origin
     info.origin.orientation.w = 1.0
-    # An array of the right type is taken as it is; anything else is looked at cell by cell.
+    # An array of the right type is used directly; anything else would be checked cell by cell.
     message.data = array("b", grid.cells.tobytes())
     return message
 

@@ -56,13 +56,13 @@ class CostPublisher:
         self._publishers = publishers
         self._stamp = 0
         self._last: Any = None
-        # The newest grids, of one place; empty before the first. When that was by time.monotonic().
+        # The newest grids, empty before the first, and when they were sent, by time.monotonic().
         self._sent: list[Any] = []
         self._sent_at = 0.0
-        # Of these grids, where tf had it when they were sent.
+        # Far corner of these grids by the first transform after they were sent.
         self._corner: tuple[float, float] | None = None
         self._corrected = False
-        # By frame, what /tf_static says of it: that comes once, mostly before any odometry.
+        # Transforms of /tf_static by frame: they come once, mostly before any odometry.
         self._static: dict[str, tuple[str, Pose]] = {}
         self.published = 0
         self.map = cost_map_of(settings)

@@ -176,7 +176,7 @@ class Outputs:
         deaf: dict[tuple[str, bytes], int] = {}
         for publisher in self._publishers.values():
             topic = publisher.topic_name
-            # As DDS has it: the publisher's own profile has 0 where DDS says infinite.
+            # The profile in DDS: that of the publisher itself has 0 instead of infinite.
             offers = [i.qos_profile for i in self._node.get_publishers_info_by_topic(topic)]
             for info in self._node.get_subscriptions_info_by_topic(topic) if offers else ():
                 fits, why = qos_check_compatible(offers[0], info.qos_profile)

@@ -229,7 +229,7 @@ def _descriptor(parameter: NodeParameter) -> ParameterDescriptor:
         name=parameter.name,
         description=f"{parameter.description}{unit}",
         read_only=parameter.at_start,
-        # Of another type rclpy says neither which parameter it is nor what to write: we do.
+        # For a value of another type rclpy names neither the parameter nor what to write: we do.
         dynamic_typing=True,
     )
     if parameter.choices:

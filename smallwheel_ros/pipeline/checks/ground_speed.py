@@ -66,17 +66,17 @@ WINDOW = (
     SECOND // 2
 )  # between the poses of a speed: places are known to some cm, so speeds to some cm/s
 DOWN = 0.5  # of g: more along z than on the steepest slope
-_STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
+_STEADY = 0.1  # of the rims' speed: where they change by less, changes of the speed are its error
 _PLACE = (
-    0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
+    0.05  # m: error of one pose by a lidar or by cameras, as long as nothing else has been learnt
 )
-_SCAN = 0.1  # s that a turn of a lidar takes: at which instant of it a place holds is not known
+_SCAN = 0.1  # s that a turn of a lidar takes: at which instant of it a pose holds is unknown
 _APART = (
     SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
 )
 _SLOW = 1.0  # m/s, under which a speed's error hardly depends on it: robots drove with 0.1 to 4 m/s
 _SMOOTH = (
-    0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
+    0.5  # the same where poses show theirs: gained in 2 s, it puts one 0.03 s off the others' line
 )
 _NEAR = 6  # lags of 0.1 s that three messages in a row span, of an odometry of 4 Hz and more
 _GUESSED = 3  # readings that `_UNTRIED` and `_SCAN` count for
@@ -305,7 +305,7 @@ class GroundSpeed:
             )
         self._own.extend(stamps, np.column_stack([back, speed, turn, new, way, off]))
         middle = stamps - back.astype(np.int64)
-        # Also what is not known is a row: nothing is interpolated over it, whenever it is looked at.
+        # Unknown speeds are rows, too, so that nothing is interpolated over them.
         before_it = np.concatenate([[self.moves.newest], middle[:-1]])
         rising = middle > np.maximum.accumulate(before_it)
         self.moves.extend(middle[rising], np.column_stack([speed, turn, aside_told])[rising])
@@ -365,7 +365,7 @@ class GroundSpeed:
         made, may_be = np.zeros((2, stamps.size), dtype=bool)
         share = unknown(stamps.size)
         sums.way = float(way[-1])
-        # Since when the message has been the same, and the way of the rims meanwhile.
+        # Stamp of the last message that differed from the one before it, and the path of the rims then.
         is_new = new > 0.0
         changed = np.maximum.accumulate(np.where(is_new, stamps, NEVER))
         changed = np.maximum(changed, sums.changed)
@@ -375,7 +375,7 @@ class GroundSpeed:
         variance = self._spread(moved[:, -2:], back, speed, off, mean)
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
-        # By how much the speed comes later than gyro and rims, the larger one, or may come.
+        # Delay of the speed after gyro or rims, whichever is larger.
         turns_late = self._turns_late.take(turn, imu[:, :, 0])
         lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
         against, slides = self._goes_against.take(
@@ -384,7 +384,7 @@ class GroundSpeed:
         if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels
             made, may_be, share = self._of_wheels.take(ways_before, way, parts)
         if self.settings.steered and self.source == ODOMETRY:
-            # Car-like odometries are made of the axle that is not steered.
+            # Odometries of car-like vehicles are computed from the axle that is not steered.
             unsteered = parts.copy()
             unsteered[:, 0] = (
                 np.nan_to_num(now.unsteered_rims(each_rim[:, :: back_to.size])) * passed
@@ -439,10 +439,10 @@ class GroundSpeed:
         posed = 2.0 * (place * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
         told = np.where(back > 0.0, np.maximum(told, posed), told)
         found = told
-        # Errors of stamps grow with the speed: fast and slow rows tell of each other by this share.
+        # Errors of stamps grow with the speed: divided by this, fast and slow rows have the same error.
         with np.errstate(invalid="ignore"):
             share = _SLOW**2 + np.nan_to_num(np.fmax(most, np.abs(speed))) ** 2
-        # What three messages in a row show is there first, and as much goes for errors that last.
+        # The error over three messages is known first, and is assumed for lasting errors as well.
         learnt = np.sqrt(np.maximum(told / share, _UNTRIED**2))
         kinds = (quick, change_near, sums.quick), (lasting, change, sums.lasting)
         for bend, changes, deviation in kinds:

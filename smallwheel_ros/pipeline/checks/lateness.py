@@ -22,10 +22,10 @@ MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1
 # Share of the path over which a joint of the wrong sign turns against the travel; the rest is what a delay of
 # 0.5 s at 1 m/s may take.
 SIGN_SHARE = 0.8
-_BENDS = 0.5  # of the rims' mean: by less all of them surely go one way
-_START = 0.05  # m: what noise of a speed and its delay make of a start
-# Sine of a slope from which on a vehicle may slide back on wheels that drive: resistance of soft ground alone
-# holds 0.05 to 0.1 of its weight.
+_BENDS = 0.5  # of the rims' mean: with a smaller half difference all of them surely go one way
+_START = 0.05  # m: what noise of a speed and its delay add up to in a start
+# Sine of a slope from which a vehicle may slide back on wheels that drive: the resistance of soft ground
+# alone holds 0.05 to 0.1 of its weight.
 _SLIDES = 0.09
 _LEAST_ALIKE = 0.75  # of the rims' way: what an odometry that looks back shows of it on soft ground
 _LONGEST = 5.0  # m, over which no vehicle slides as fast as its wheels drive
@@ -47,12 +47,12 @@ _ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
 # 0.4 of that once in 250. Odometries of real robots that are computed from the wheels are multiples of their
 # path to 0.00001.
 _OWN, MADE = 0.005, 0.002
-_PIECE, PIECES = 0.5, 10  # m, and how many tell
-_FEW = 2  # pieces, of which a factor leaves something over
-_KEPT = 100  # pieces: of 50 m one that drives steadily with an odometry of its own has hills and stones, too
-_MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
+_PIECE, PIECES = 0.5, 10  # m, and number of pieces that decide
+_FEW = 2  # pieces: the residual about a fitted factor says nothing for fewer
+_KEPT = 100  # pieces, 50 m: in these a steady drive with an independent odometry has hills and stones, too
+_MOVES = 0.3  # of a piece's length: with less path, or turn, its residual says nothing
 _RADII = (
-    0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
+    0.15  # largest relative difference of the configured radii from those that an odometry assumes
 )
 
 

@@ -186,7 +186,8 @@ class TurnRule:
                 "it turns the other way than the others (wheels, gyro, odometry): check how the"
                 " imu is mounted, the frame of the odometry, and the joints of left and right"
             )
-            # Where nothing decides between imu and wheels, the wheels are all that tells of the motion.
+            # Where nothing decides between imu and wheels, the imu is doubted: without the wheels no motion
+            # is known.
             named = {"imu": IMU, "odometry": ODOMETRY, "imu or wheels": IMU}
             doubts: tuple[str, ...] = (named[subject],) if subject in named else ()
             return [Said(subject, both, text, doubts, taught=bool(doubts))]
@@ -236,7 +237,7 @@ class AnotherUnit:
         units = {**UNITS_OF_TURNING, "m/s at the rim": float(self.vehicle.radius.mean())}
         least, most = _UNIT_NEAR
         near = [u for u, f in units.items() if least < middle / f < most]
-        # Wheels that spin on the spot are over it, too; that driven ones skid so is not known.
+        # Wheels that spin on the spot exceed 1 as well; driven wheels do not skid by so much.
         if scatter > UNIT_SCATTER * middle or (middle > 1.0 and not near):
             return []
         if middle > 1.0 and len(ratio) < UNIT_SURE:
@@ -271,12 +272,12 @@ class RollingAll:
             self.felt, self.count = self.felt + float(felt.sum()), self.count + felt.size
         if m is None:
             return []
-        if ODOMETRY in window.memory.doubted:  # what was named is no witness, nor was it before
+        if ODOMETRY in window.memory.doubted:  # it is no evidence, nor was it before
             self.pieces = Pieces(ROLL_PIECE, 2 * n)
             return []
-        # Rows are chosen by the rims alone, so that errors of the speed cancel over a metre, as in a chord:
-        # where a noisy speed chooses, those rows are taken in which it is too large. Rims that stand while a
-        # late odometry still moves are left out, as those are that start before it.
+        # Rows are chosen by the rims alone, so that errors of the speed cancel over a metre: choosing by a
+        # noisy speed would prefer rows in which it is too large. Rows on which the rims stand while a late
+        # odometry still moves are left out, as are those on which the rims start before it.
         way, yaw = np.median(m.rim, axis=1), np.fmax(np.abs(m.w), np.abs(m.gyro))
         turns, straight = np.abs(way) > MOVES, yaw * self.half < STRAIGHT * np.abs(way)
         known = np.isfinite(m.rim).all(axis=1) & np.isfinite(m.v)

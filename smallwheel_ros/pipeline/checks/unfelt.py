@@ -32,7 +32,7 @@ _LONGEST = 2.0  # s between two speeds: some odometries send one a second
 _UNFELT = 0.5
 # Deviations of e, which are what 0.8 of its sizes keep to; heavy tails, as in the warning.
 _SURELY = 3.0
-# s: directions of up are off by half a degree on bumps, and what is compared is the change of a second.
+# rad s: directions of up are off by half a degree on bumps, and changes over a second are compared.
 _LEAST = math.radians(0.5) * 1.0
 _COUNT = 3  # readings that `_LEAST` counts for before any
 

@@ -165,7 +165,7 @@ def _joints(
         found: Rows = {}
         for i, joint in enumerate(joints):
             if joints.count(joint) > 1:
-                continue  # which value is the joint's nothing tells
+                continue  # which of its values is right is unknown
             effort = column(of, "effort", joints, i)
             if effort is not None:
                 for stream, factor in efforts.get(joint, ()):

@@ -121,7 +121,7 @@ class Align:
         moves, felt = shown[ODOMETRY], shown[FELT]
         trust, period = believed.trust(stamps), believed.period(stamps)
         rims = believed.each_rim_of(shown, stamps.size)
-        # All that is asked of the time before: by how much speeds are off that come late, and what is gained.
+        # Earlier values: rims by the delay of the speed before, and speeds of which the gain is computed.
         over = np.maximum(_GAINING, 2 * period)
         late = (SECOND * (trust.lag + (0.5 * period / SECOND + trust.mean))).astype(np.int64)
         ago = np.concatenate([stamps - late // 2, stamps - late, stamps - over])
@@ -225,7 +225,7 @@ class Align:
         turned = np.logical_or.accumulate(np.append(self._moves_turn, np.abs(turn) > 0.0))[1:]
         self._moves_turn = bool(turned[-1])
         _, size, across = believed.rims(stamps, rims)
-        # Sides whose rims run alike go straight on, whatever the imu says.
+        # A vehicle whose sides run alike goes straight on, whatever the imu shows.
         bends = np.abs(across) > 0.02 * size
         return np.where(~turned & bends & believed.doubted.at(IMU, stamps), np.nan, turn)
 
@@ -270,7 +270,7 @@ class Align:
             slope = np.where(oriented, gravity * up[0], ahead - gained)
             across = np.where(oriented, gravity * up[1], left)
             upright = np.where(oriented, gravity * up[2], above) > _UPRIGHT * gravity
-            # Without an orientation and a speed nothing tells a slope from a gain, but both are felt.
+            # Without an orientation and a speed, slope and gain cannot be separated, but their sum is felt.
             both = slope + gained
             both = np.where(np.isnan(both), ahead, both)
             slope, across, both = (
@@ -320,7 +320,7 @@ class Align:
         static = np.maximum(level + moved, _LEAST_LOAD * level)
         static_std = np.hypot(
             np.array(spread)[wheel], 0.5 * moved
-        )  # half the height is what is known of it
+        )  # the height of the centre of gravity is known to half of itself
         given = ~np.isnan(level)
         return np.where(given, static, load), np.where(given, static_std, load_std)
 

@@ -145,7 +145,7 @@ def _pressed(state: MotionState, number: int, sinkage: Array) -> Array:
     deepest = state.deepest.get(number, 0.0)
     deep = np.fmax.accumulate(np.concatenate([[deepest], sinkage]))[
         1:
-    ]  # also behind what is not known
+    ]  # also after values that are unknown
     state.deepest[number] = float(deep[-1])
     return deep
 

@@ -53,7 +53,7 @@ def assembled_slip(
     slip_std = np.fmax(slip_std, np.where(np.abs(rim) < np.abs(speed), skids, _RIM_STD))
     slip_std = np.where(np.isfinite(slip), slip_std, np.nan)
     slip, slip_std = (np.where(trust.of_wheels, np.nan, each) for each in (slip, slip_std))
-    # What may be made of the wheels says as little as nothing at all.
+    # An odometry that may be computed from the wheels may hide slip.
     return slip, np.maximum(slip_std, np.where(trust.may_be, _HIDDEN, 0.0)), stands
 
 

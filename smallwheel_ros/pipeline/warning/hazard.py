@@ -187,7 +187,7 @@ class Warnings:
         self._open: Readings | None = None
         self._imu: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((0, 9))
         self._speeds: Integers = np.empty(0, dtype=np.int64)
-        # Of each wheel: time, rim, ground and its deviation, how far off the course.
+        # Of each wheel: time, rim, ground and its deviation, angle off the course.
         self._newest = np.full((self.rolling.size, 5), np.nan)
         self.done: Instants | None = None
         self._slips: Array = np.empty(0)  # of each of these, whether judged or not
@@ -371,7 +371,8 @@ class Warnings:
         less = DEVIATIONS * (deviation if np.isfinite(deviation) else 0.0)
         runs = bool(rolls > DRIVES and rim.min() > -0.05)
         self._began = min(self._began, float(done.time[i])) if runs else np.inf
-        # What goes against the rims slips by more than 1: how surely is by that, not by the limit of slip.
+        # A vehicle that goes against its rims slips by more than 1; this, not the limit 1, is compared with
+        # the deviations.
         back = float(np.median(-ground / np.maximum(rim, SLOWEST_RIM)))
         shown = slip if self._has_rolled else max(slip, 1.0 + back)
         surely_slips = shown > MAY_BE_NONE * unsure

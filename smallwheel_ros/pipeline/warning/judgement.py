@@ -134,7 +134,7 @@ class Judgement:
             margins = self.ground.take(instants, self._anew)
             self._anew = []
             if margins is not None:
-                # A second is over with the first instant behind it: from there on its margin holds.
+                # The margin of a second holds from the first instant after that second.
                 behind = np.searchsorted(instants.stamp, margins.stamp, side="right")
                 margins = replace(margins, stamp=instants.stamp[behind])
                 old = self._margins
