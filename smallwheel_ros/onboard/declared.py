@@ -302,7 +302,7 @@ class DriveParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters(DriveParameters):
-    """All parameters of the node."""
+    """All parameters of the node; each field declares default, unit, range and meaning of one of them."""
 
     wheels: tuple[str, ...] = parameter(
         None,
