@@ -39,7 +39,7 @@ Sign = Literal[1, -1]
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleParameters:
-    """vehicle.*: the body."""
+    """Parameters vehicle.*, of the vehicle's body."""
 
     mass: float | None = parameter(
         None,
@@ -75,7 +75,7 @@ class VehicleParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class LoadParameters:
-    """load.*: where loads come from."""
+    """Parameters load.*, the source of wheel loads."""
 
     source: LoadSource = parameter(
         "wrench",
@@ -89,7 +89,7 @@ class LoadParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class MobilityParameters:
-    """mobility.*: what the node publishes."""
+    """Parameters mobility.*, of the estimates that the node publishes."""
 
     rate: float = parameter(
         10.0, "Hz", (0.0, 1000.0),
@@ -99,7 +99,7 @@ class MobilityParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class SoilParameters:
-    """soil.*: prior knowledge of the soil."""
+    """Parameters soil.*, of the prior knowledge of the soil and the file that it is saved to."""
 
     name: str | None = parameter(
         None,
@@ -118,7 +118,7 @@ class SoilParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class TwistSettings:
-    """twist.*: how the rims' twist is reported."""
+    """Parameters twist.*, of ~/twist, the vehicle's twist by its rims for other estimators."""
 
     publish: bool = parameter(
         False,
@@ -140,7 +140,7 @@ class TwistSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorNoise:
-    """noise.*: standard deviations of measurements whose messages state none."""
+    """Parameters noise.*, standard deviations of measurements whose messages state none."""
 
     sinkage: float = parameter(
         SINKAGE_STD,
@@ -161,7 +161,7 @@ class SensorNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """timing.*: limits on stamps."""
+    """Parameters timing.*, limits on the stamps of messages."""
 
     reorder_time: float = parameter(
         0.2,
@@ -178,7 +178,7 @@ class Timing:
 
 @dataclass(frozen=True, kw_only=True)
 class WheelParameters:
-    """<wheel>.*: a wheel, and where its measurements come from."""
+    """Parameters <wheel>.*, of one wheel and the sources of its measurements."""
 
     diameter: float = parameter(
         None,
@@ -282,7 +282,7 @@ class WheelParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveParameters:
-    """Parameters that the pipeline uses directly."""
+    """Those of the node's parameters that the pipeline uses directly."""
 
     vehicle: VehicleParameters = group(VehicleParameters)
     mobility: MobilityParameters = group(MobilityParameters)
@@ -303,7 +303,7 @@ class DriveParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters(DriveParameters):
-    """All parameters."""
+    """All parameters of the node; each field declares default, unit, range and meaning of one of them."""
 
     wheels: tuple[str, ...] = parameter(
         None,

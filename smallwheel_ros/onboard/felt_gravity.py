@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the mean specific force of an imu is gravity, and what it may be if it is not."""
+"""Comparison of an imu's mean specific force with gravity, and what may be wrong if they differ."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _UNITS = {"g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 0.01}
 
 
 def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
-    """Explain a mean specific force that is not gravity; empty if it is gravity.
+    """Explain why an imu's mean specific force differs from gravity.
 
     Parameters
     ----------
@@ -21,6 +21,11 @@ def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
         Length of the mean specific force, m/s^2.
     gravity
         Acceleration of gravity where the vehicle drives, m/s^2.
+
+    Returns
+    -------
+    str
+        What may be wrong, such as a unit, in words; empty if the force is between 0.82 and 1.22 of gravity.
     """
     if _WEAKEST < strength / gravity < _STRONGEST:
         return ""

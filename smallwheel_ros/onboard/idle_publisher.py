@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages with a joint at 0 among others in which it turns: they are from another publisher.
+"""Recognition of messages that have a joint at 0 among others in which it turns: from another publisher.
 
 joint_state_publisher fills in 0 for joints without a value; if the driver uses the same topic, both arrive.
 """
@@ -23,20 +23,26 @@ IDLE = "its joint is at 0 between messages in which it turns: is there more than
 
 
 class IdlePublisher:
-    """Recognises, among a joint's messages in order, those of a publisher that does not measure it."""
+    """Recognises, among the messages of one joint, those of a publisher that does not measure it."""
 
     def __init__(self) -> None:
         self._away = NEVER  # ns, of the last message in which the joint was away from 0
 
     def idle(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
-        """Messages from a publisher that does not measure the joint, as a mask of shape (messages,).
+        """Tell which further messages are from a publisher that does not measure the joint.
 
         Parameters
         ----------
         stamps
-            ns, in the order in which the messages came, shape (messages,).
+            Stamps in the order in which the messages arrived, shape (messages,), ns.
         velocity, position
             rad/s and rad, NaN where a message has none, shape (messages,).
+
+        Returns
+        -------
+        ndarray
+            Shape (messages,), bool: True where the joint is at exactly 0, within 1 s of the last message in
+            which it turned or was away from 0.
         """
         zero = (position == 0.0) & ((velocity == 0.0) | np.isnan(velocity))
         turns = (np.abs(position) > _AWAY) | ((np.abs(velocity) > _TURNS) & (position != 0.0))

@@ -14,34 +14,37 @@ from smallwheel_ros.common.stamps import SECOND
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# A velocity of exactly 0 while the position moves so far (rad) is none: no joint that stands does.
+# rad: a velocity of exactly 0 while the position moves so far is not measured, since no joint at rest does.
 MOVES = 0.5
-# rad: so far may a joint that stands be turned by a rover that settles; in between nothing is known of it.
+# rad by which a joint at rest may turn as the rover settles; between this and `MOVES` its speed is unknown.
 _SETTLES = 0.05
 # ns: a tick of an encoder (0.006 rad with 1,000 of them) is 0.06 rad/s over it.
 _SPAN = SECOND // 10
 _TURNS = 0.2  # rad/s over that: three ticks, and 1 cm/s of the smallest wheel
 _GAP = SECOND  # ns: what comes after so long is no speed of the time in between
 _NEAR = (
-    0.05  # rad beyond half or a whole turn, from which a position does not begin anew at each turn
+    0.05  # rad: positions further beyond half or a whole turn than this do not begin anew each turn
 )
 
 BY_POSITIONS = "its velocity is missing or always 0: its speed is the difference of its positions"
 
 
 class JointMotion:
-    """Reads the messages of one joint in order.
+    """Computes the speed of one joint from its messages, in the order in which they arrive.
+
+    The speed is the velocity; if that is missing, or 0 while the position moves, the speed is computed from
+    positions.
 
     Attributes
     ----------
     by_positions
-        Whether its speed is the difference of its positions.
+        Whether the speed is computed from positions.
     left_out
-        Number of messages without a velocity that were not used, since the joint has had one: they are from
-        another publisher.
+        Number of messages that were not used because they have no velocity although earlier ones had: they
+        are from another publisher.
     unknown
-        Stamps (ns) of messages in the last call whose velocity is 0 while the position moves, where it
-        is not yet known which of them is right.
+        Stamps (ns) of messages of the last call that have no speed, because the velocity is 0 while the
+        position moves, and it is not yet known which of the two is right.
     """
 
     def __init__(self) -> None:
@@ -58,12 +61,12 @@ class JointMotion:
     def take(
         self, stamps: Integers, velocity: Array, position: Array, has: NDArray[np.bool_]
     ) -> tuple[Integers, Array, Integers]:
-        """Process further messages, in the order in which they arrived.
+        """Compute speeds from further messages, in the order in which they arrived.
 
         Parameters
         ----------
         stamps
-            ns, shape (messages,).
+            Shape (messages,), ns.
         velocity, position
             rad/s and rad, shape (messages,); NaN where a message has none.
         has
@@ -71,8 +74,12 @@ class JointMotion:
 
         Returns
         -------
-        stamps, speeds, message : ndarray
-            Shape (speeds,): ns; rad/s; and the number of the message from which the speed was computed.
+        stamps : ndarray
+            Stamps of the speeds, shape (speeds,), ns: those of messages, or midway between two positions.
+        speeds : ndarray
+            Shape (speeds,), rad/s.
+        message : ndarray
+            Index of the message by which each speed became known, shape (speeds,).
         """
         found: list[tuple[int, float, int]] = []
         self.unknown = []
@@ -97,7 +104,7 @@ class JointMotion:
     def _one(
         self, stamp: int, velocity: float, position: float, has: bool
     ) -> tuple[int, float] | None:
-        """Stamp and speed by a message, None where it tells none."""
+        """Stamp (ns) and speed (rad/s) that a message gives, or None."""
         if has and velocity != 0.0 and not math.isnan(velocity):
             self._moves, self.by_positions = True, False
             return stamp, velocity
@@ -125,7 +132,7 @@ class JointMotion:
         return None
 
     def _by_difference(self, stamp: int, position: float) -> tuple[int, float] | None:
-        """Speed over a tenth of a second at least, at its middle."""
+        """Stamp (ns) and speed (rad/s) midway between a position and one at least 0.1 s before, or None."""
         before = self._before
         if before and not 0 < stamp - before[-1][0] <= _GAP:
             if 0 < before[-1][0] - stamp < _GAP or stamp == before[-1][0]:

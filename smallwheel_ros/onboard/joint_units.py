@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a joint's velocity is in rad/s, by comparison with the rotation in the same messages' positions."""
+"""Unit of a joint's velocity, by comparison with the change of position in the same messages."""
 
 from __future__ import annotations
 
@@ -18,31 +18,32 @@ _BLOCK = SECOND // 10  # ns: ticks of an encoder and its delay are small against
 _LONGEST = SECOND  # ns: over a longer gap nothing is added up
 _TURNED = 2.0  # rad, by positions, after which it is judged: a filter's delay is small against that
 _FEWEST = 10  # blocks
-_STANDS = 30.0  # rad by velocities without positions that follow: these tell nothing
+_STANDS = 30.0  # rad by velocities after which positions that have not moved are no evidence
 # Units differ by 6 and more, rims of small wheels turn by 2 rad and more in a metre; no delay makes a half.
 _APART = 2.0
 # rad by positions, and a factor that no start from rest gives: beyond it nothing is used yet.
 _LITTLE, _FAR = 0.05, 4.0
-# Ticks of an encoder and rad, after which it is known within a fourth how far it has turned: positions of a
-# joint that stands flicker by less.
+# Ticks of an encoder, and rad, after which its turn is known within a fourth: positions of a joint at rest
+# flicker by less.
 _TICKS, _FLICKERS = 4, 0.01
-# Of the time that messages wait for those of other wheels: so long they wait here, until it is known.
+# Share of the time for which streams wait for late messages: messages wait here as long, while the unit is
+# unknown.
 _WAITS = 0.75
 _STARTED = 5  # blocks, after which a filter's delay no longer makes a fourth of a speed
 _ALIKE = 0.9  # correlation of the two, under which they are not of one joint
 _NEAR = 0.04  # of a known factor
-# What a velocity is in whose factor to rad/s is this, where positions are in rad.
+# Velocity in another unit over that in rad/s, by unit.
 UNITS_OF_TURNING = {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi, "turns/s": 0.5 / math.pi}
 _POSITIONS = (math.tau, math.pi / 180.0)  # factors at which positions are in turns or degrees
 
 
 class VelocityUnit:
-    """Holds back a joint's messages until it is known whether its velocities are in rad/s.
+    """Holds back the messages of one joint until it is known whether its velocities are in rad/s.
 
     Attributes
     ----------
     wrong
-        What is wrong with the velocities, in words; empty unless something is.
+        Why the velocities are not used, in words; empty if they are, or as long as that is unknown.
     """
 
     def __init__(self) -> None:
@@ -78,10 +79,14 @@ class VelocityUnit:
 
         Returns
         -------
-        stamps, values, message, refused : ndarray
-            Stamps and values of messages that may be used, also from earlier calls; for each, the number of
-            the message of this call that released it; and stamps of messages that are never used, since
-            their velocity is in another unit.
+        stamps, values : ndarray
+            Stamps, shape (used,), ns, and values, shape (used, columns), of messages that may be used; some
+            may be from earlier calls.
+        message : ndarray
+            Index of the message of this call with which each of them was released, shape (used,).
+        refused : ndarray
+            Stamps of messages that are not used, since their velocity is, or may be, in another unit, shape
+            (refused,), ns.
         """
         if self._known and not self._waiting:
             every = np.arange(0 if self.wrong else stamps.size)
@@ -105,7 +110,7 @@ class VelocityUnit:
         found: list[tuple[int, Array, int]],
         refused: list[int],
     ) -> None:
-        """Take a message; what comes free with it is added to `found` or `refused`."""
+        """Process a message; those that are released with it are appended to `found` or to `refused`."""
         waiting = self._waiting
         velocity, position = float(row[0]), float(row[1])
         if not self._known:

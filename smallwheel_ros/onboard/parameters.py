@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a parameter file to values, and from values to settings; the same for node and replay."""
+"""Reading of parameter files, and conversion of parameters to settings; the same for node and replay."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ _SECTION = "ros__parameters"
 # Where an axle is, in wheelbases ahead of the middle.
 _AXLES = (("front", 0.5), ("middle", 0.0), ("rear", -0.5))
 _TAPE = 0.02  # m: both ends of a tape along a vehicle are off by a centimetre
-# rclpy's own; every node has them
+# Declared by rclpy in every node.
 _FOREIGN = ("use_sim_time", "start_type_description_service")
-# A load that is not measured: uneven ground and turns move it by so much of itself.
+# Relative standard deviation of a load that is not measured, by uneven ground and turns.
 _STATIC_STD = 0.3
 
 
@@ -53,9 +53,9 @@ class ParametersError(SmallwheelError):
 
 
 def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]:
-    """Read the values that a ROS parameter file gives a node, by full name.
+    """Read the parameters that a ROS parameter file gives a node.
 
-    Sections `/**` and those of the node count, in the order of the file.
+    Sections `/**` and those of the node count, in any namespace; of two values the later one wins.
 
     Parameters
     ----------
@@ -63,6 +63,11 @@ def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]
         The file, YAML.
     node
         The node's name, without a namespace.
+
+    Returns
+    -------
+    dict
+        Values by full name of the parameter, such as `vehicle.mass`, not checked.
 
     Raises
     ------
@@ -104,7 +109,7 @@ def _flat(tree: dict[Any, Any], prefix: str = "") -> dict[str, Value]:
 
 
 def wheel_names(value: object) -> list[str]:
-    """The wheel names in the parameter `wheels`.
+    """Return the wheel names in a value of the parameter `wheels`.
 
     Raises ParametersError unless it is a list of different names that topics and parameters can have.
     """
@@ -132,14 +137,19 @@ def wheel_names(value: object) -> list[str]:
 
 
 def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> list[str]:
-    """For each parameter that is not used, a sentence with what may have been meant.
+    """Report parameters that do not exist.
 
     Parameters
     ----------
     values
-        As given, by full name.
+        Values as given, by full name of the parameter.
     wheels
-        Names of the wheels, which have parameters of their own.
+        Names of the wheels; each has parameters that begin with its name.
+
+    Returns
+    -------
+    list of str
+        A sentence for each such parameter, with what may have been meant.
     """
     known = [p.name for p in parameters_for(wheels)]
     found = []
@@ -153,9 +163,10 @@ def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> l
 
 
 def problems(values: Mapping[str, object]) -> list[str]:
-    """Sentences about wrong values of parameters, one each; unknown parameters are not checked.
+    """Return a sentence for each parameter that is missing or has a wrong value.
 
-    A wrong value of `all_wheels` is reported once, not of each wheel that has it from there.
+    A wrong value of `all_wheels` is reported once, and not for each wheel that inherits it. Unknown
+    parameters are ignored. values: by full name of the parameter; None counts as missing.
     """
     try:
         wheels = wheel_names(values.get("wheels"))
@@ -174,7 +185,7 @@ def problems(values: Mapping[str, object]) -> list[str]:
 
 
 def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
-    """Give each wheel the values of `all_wheels` that it does not have itself.
+    """Return parameters in which each wheel has inherited the values of `all_wheels` that it lacks.
 
     `<wheel>` in a text is replaced by the wheel's name. Values are unchanged if the wheels have no
     usable names.
@@ -194,10 +205,19 @@ def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def places_of(values: Mapping[str, Any]) -> dict[str, float]:
-    """Places of wheels (m) from vehicle.track and vehicle.wheelbase, by full name of the parameter.
+    """Compute positions of wheels from vehicle.track, vehicle.wheelbase and the wheels' names.
 
-    Only for wheels whose names contain left, right, front, middle or rear as words. Values that are not
-    positive numbers are skipped, and reported by `problems`.
+    Parameters
+    ----------
+    values
+        Parameters by full name, `wheels` included; sizes that are not positive numbers are skipped, since
+        `problems` reports them.
+
+    Returns
+    -------
+    dict
+        Positions (m) by full name of the parameter, such as `front_left.lateral_position`, for wheels whose
+        names contain left, right, front, middle or rear as words.
     """
     track, base = (_length(values.get(f"vehicle.{name}")) for name in ("track", "wheelbase"))
     behind = 0.5 if values.get("vehicle.base_at") == "rear_axle" else 0.0
@@ -219,14 +239,20 @@ def _length(value: object) -> float | None:
 
 
 def elsewhere(places: Mapping[str, Any], values: Mapping[str, Any]) -> list[str]:
-    """Warn of wheels whose given place contradicts the track or wheelbase.
+    """Report wheels whose given position differs by over 2 cm from that by track and wheelbase.
 
     Parameters
     ----------
     places
-        m, by full name of the parameter, as `front_left.lateral_position`.
+        Positions (m) by full name of the parameter, such as `front_left.lateral_position`.
     values
-        Parameters with `vehicle.track` and `vehicle.wheelbase` (m), by full name.
+        Parameters by full name; `wheels`, `vehicle.track`, `vehicle.wheelbase` (m) and `vehicle.base_at` are
+        read.
+
+    Returns
+    -------
+    list of str
+        A sentence for each such position.
     """
     found = []
     for name, by_size in places_of(values).items():
@@ -243,18 +269,23 @@ def elsewhere(places: Mapping[str, Any], values: Mapping[str, Any]) -> list[str]
 def settings_from(
     values: Mapping[str, object], described: Mapping[str, Value] | None = None
 ) -> NodeSettings:
-    """Turn parameters into settings; defaults for those that are missing or None.
+    """Check parameters and turn them into settings.
 
-    The value of a wheel's parameter is, in this order, its own, that of `all_wheels`, of the robot's
-    description, from track and wheelbase, or the default. Files that parameters name are read; an
-    effects file is run.
+    The value of a wheel's parameter is, in this order of precedence, its own, that of `all_wheels`, that of
+    the robot's description, the one computed from track and wheelbase, or the default. Files that parameters
+    name are read; an effects file is run.
 
     Parameters
     ----------
     values
-        As given, by full name.
+        Values as given, by full name of the parameter; one that is missing or None has its default.
     described
         Values of missing parameters from the robot's description (`robot_description.fill_silent`).
+
+    Returns
+    -------
+    NodeSettings
+        The settings.
 
     Raises
     ------
@@ -277,14 +308,17 @@ def settings_from(
     try:
         parameters = filled(Parameters, v)
         onboard = _onboard(parameters)
-        covariates_of(onboard.effects)  # refuses effects of what no stream tells
+        covariates_of(onboard.effects)  # refuses effects that read columns without a stream
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
     return NodeSettings(**_fields(parameters, Parameters), onboard=onboard)
 
 
 def idle_remaps(settings: Parameters) -> dict[str, str]:
-    """Warnings of remaps that have no effect, since a parameter names another topic; by the topic's name."""
+    """Return warnings for remaps that would have no effect, since a parameter names another topic.
+
+    They are by the topic's default name, such as `odom`; whether there is such a remap is not checked.
+    """
     found = {}
     for name in (
         "odom_topic",
@@ -303,7 +337,7 @@ def _fields(given: object, of: type) -> dict[str, Any]:
 
 
 def _onboard(given: Parameters) -> OnboardSettings:
-    """What the estimate rests on besides the measurements."""
+    """Return the pipeline's settings that follow from the parameters and from the files that they name."""
     of = given.inputs
     wheels = tuple(_wheel(name, own) for name, own in of.items())
     calibrated, model, soil, note = _start(given, wheels)
@@ -344,7 +378,7 @@ def _wheel(name: str, own: WheelParameters) -> Wheel:
 
 
 def _steered(rolling: Mapping[str, WheelParameters]) -> dict[str, Steered]:
-    """The wheels that are steered, and how. Raises ParametersError for a joint that cannot steer them."""
+    """Geometry of the steered wheels, by name. Raises ParametersError for a joint that cannot steer them."""
     turned = {own.joint: name for name, own in rolling.items()}
     by_joint: dict[str, list[str]] = {}
     for name, own in rolling.items():
@@ -364,9 +398,10 @@ def _steered(rolling: Mapping[str, WheelParameters]) -> dict[str, Steered]:
 
 
 def _linkage(joint: str, names: list[str], rolling: Mapping[str, WheelParameters]) -> float:
-    """How far (m) an axle with one central angle is ahead of the line that the vehicle turns about.
+    """Distance (m) of an axle with one central angle ahead of the line on which the turning centre lies.
 
-    That is the axle that is not steered, or half way between two steered ones.
+    That line is through the wheels that are not steered, or half way between two steered axles. names: the
+    wheels that share the joint.
     """
     places = {name: rolling[name].longitudinal_position for name in names}
     if len(names) > 2 or abs(max(places.values()) - min(places.values())) > _TAPE:
@@ -400,9 +435,9 @@ def _estimator(given: Parameters, static: Mapping[str, Quantity]) -> EstimatorSe
 
 
 def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[CalibratedModel, Model, Soil, str]:
-    """What was calibrated, the model that the estimate runs with, its soil, and a note.
+    """Return calibrated model, the model that the estimate runs with, the soil to start from, and a note.
 
-    Of the model file, or of the library.
+    They are those of the model file, or else of the library of soils.
     """
     name, file = given.soil.name, given.model_file
     if not file:
@@ -432,7 +467,7 @@ def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[CalibratedModel,
 
 
 def _refuse_what_cannot_be_honoured(file: str, model: Model) -> None:
-    """Refuse a law that the robot does not have: it would give other numbers than the bench."""
+    """Raise ParametersError for a model with a law that is not used on board, where results would differ."""
     if model.thrust_form != "stress_integral":
         raise ParametersError(
             f"{file}: thrust_form is {model.thrust_form}, expected stress_integral: on board pull and"
@@ -449,7 +484,7 @@ def _refuse_what_cannot_be_honoured(file: str, model: Model) -> None:
 def _model_note(
     file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel], gravity: float
 ) -> str:
-    """Rivals of which the estimate runs with the mean; wheels and gravity that it was not measured with."""
+    """Remark in words on rivals whose mean is used, and on wheels and gravity beyond those measured."""
     said = []
     if calibrated.rivals:
         said.append(

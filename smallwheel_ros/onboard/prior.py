@@ -20,7 +20,7 @@ from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, S
 Array = NDArray[np.float64]
 
 SINKAGE_STD = 0.001  # m, of one reading of sinkage: a laser or a linear gauge on loose soil
-# Of every wheel, or told by streams.
+# Columns that effects may read: known of every wheel, or measured.
 _COVARIATES = ("load", "diameter", "width", "contact", "slip", "speed")
 
 
@@ -34,9 +34,9 @@ def _require(what: str, name: str, value: float, good: bool, expected: str) -> N
 
 
 def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Columns other than the load that effects read; a row without them has no predicted sinkage.
+    """Return which of `slip` and `speed` the effects read; a row without these has no predicted sinkage.
 
-    Raises EstimatorError for an effect that reads a column that no stream provides.
+    Raises EstimatorError for an effect that reads a column that the robot does not provide.
     """
     read = {name: effect.id for effect in effects for name in effect.needs}
     for name, effect in read.items():
@@ -50,25 +50,25 @@ def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class SoilPrior:
-    """What is known of the soil before any measurement.
+    """Prior of the law p = k z^n D^m: means and standard deviations, each above 0 and at most 3.
 
     Attributes
     ----------
     soil
-        The soil whose name is used.
+        The soil that the means come from; its name is used.
     log_reference_pressure, log_reference_pressure_std
-        ln of the pressure (Pa) at `soil.REFERENCE_SINKAGE` under `soil.REFERENCE_DIAMETER`.
+        ln of the pressure (Pa) at 10 mm of sinkage under a wheel of 0.2 m, -30 to 30.
     n, n_std
-        Exponent of sinkage, in (0, 3); 1.
+        Exponent of sinkage, 0.03 to 2.97, 1.
     m, m_std
-        Exponent of the wheel's diameter, in -3 .. 3; 1.
+        Exponent of the wheel's diameter, -3 to 3, 1.
     geometry
-        Rule of contact: the contact integral, or the closed form (eq. 10).
+        How sinkage follows from load: by the contact integral, or the closed form of the paper (eq. 10).
 
     Raises
     ------
     EstimatorError
-        If a number is outside its domain.
+        If a number is outside its range.
     """
 
     soil: Soil
@@ -94,18 +94,18 @@ class SoilPrior:
 
     @cached_property
     def law(self) -> tuple[Array, Array]:
-        """Ln pressure (Pa) at the soil's reference, n and m, and their covariance, (3,) and (3, 3)."""
+        """Mean, shape (3,), and covariance, (3, 3), of ln reference pressure (Pa), n and m."""
         deviations = [self.log_reference_pressure_std, self.n_std, self.m_std]
         mean = np.array([self.log_reference_pressure, self.n, self.m])
         return mean, np.diag(np.square(deviations))
 
     @property
     def contact(self) -> ContactRule:
-        """The sinkage of a wheel under a load, by the prior's geometry."""
+        """The rule by which the sinkage of a wheel follows from its load."""
         return CONTACT_RULES[self.geometry]
 
     def log_modulus(self, diameter: float) -> float:
-        """Ln of K = k D^m (Pa/m^n) under a wheel of this diameter (m)."""
+        """Ln of the effective modulus K = k D^m (Pa/m^n) under a wheel of this diameter (m)."""
         across = math.log(diameter / REFERENCE_DIAMETER)
         return self.log_reference_pressure - self.n * math.log(REFERENCE_SINKAGE) + self.m * across
 
@@ -121,9 +121,14 @@ class SoilPrior:
         Parameters
         ----------
         soil
-            Its k, n and m are the means.
+            A soil of that kind; its k, n and m are the means.
         geometry
-            Rule of contact.
+            How sinkage follows from load, as in the class.
+
+        Returns
+        -------
+        SoilPrior
+            The prior.
         """
         n_std = min(0.3, 0.5 * soil.n, 0.5 * (3.0 - soil.n))
         return cls(soil, soil.log_reference_pressure, soil.n, soil.m, 0.7, n_std, 0.4, geometry)
@@ -138,9 +143,9 @@ class EstimatorSettings:
     sinkage_std
         Noise of one reading of sinkage until it is learnt, m.
     sinkage_zero_std
-        Deviation of the zero that all sinkage sensors share, m.
+        Standard deviation of the zero error that all sinkage sensors share, m.
     soil_scatter
-        Standard deviation of ln k from place to place of one soil until it is learnt; 6 % from run to
+        Standard deviation of ln k from place to place of one soil until it is learnt, 1; 0.06 from run to
         run is usual.
     loads_measured
         Whether each wheel's load is measured; otherwise uneven ground changes the loads by unknown amounts.

@@ -48,9 +48,9 @@ class Filled:
     Attributes
     ----------
     values
-        Values by full name of the parameter.
+        Values by full name of the parameter, such as `front_left.diameter`; m, rad.
     lacking
-        A sentence for each parameter that could not be filled, and for what the estimate cannot use.
+        Sentences about parameters that could not be filled, and about contradictions.
     """
 
     values: dict[str, Value] = field(default_factory=dict)
@@ -58,12 +58,14 @@ class Filled:
 
     @property
     def text(self) -> str:
-        """The values in words."""
+        """The values as `name=value`, separated by commas; "nothing" if there are none."""
         return ", ".join(f"{name}={value}" for name, value in self.values.items()) or "nothing"
 
 
 def silent_parameters(given: Mapping[str, object]) -> list[str]:
-    """Full names of parameters that a description may fill and that are not given.
+    """Return the full names of parameters that a robot description may fill and that are not given.
+
+    They are empty where the wheels have no usable names.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ def silent_parameters(given: Mapping[str, object]) -> list[str]:
     except ParametersError:
         return []
     own = for_each_wheel(given)
-    # Of a wheel that is said not to be steered nothing of steering is asked.
+    # A wheel that is declared not to be steered lacks no parameters of steering.
     fixed = {wheel for wheel in wheels if own.get(f"{wheel}.steering_joint") == ""}
     names = [
         f"{wheel}.{name}"
@@ -87,9 +89,10 @@ def silent_parameters(given: Mapping[str, object]) -> list[str]:
 
 
 def described_mass(text: str) -> float | None:
-    """Sum of the masses of all links, kg; None if only wheels have one, or none has.
+    """Return the sum of the masses of all links of a URDF, kg, or None.
 
-    Raises RobotDescriptionError if the text is not a URDF.
+    None if no link has a mass but those that joints turn, or if the sum is 100 t or more. Raises
+    RobotDescriptionError if the text is not a URDF.
     """
     urdf = Urdf(text)
     turned = {joint.child for joint in urdf.joints.values() if joint.kind in TURNING}
@@ -104,9 +107,9 @@ def described_mass(text: str) -> float | None:
 
 
 def needs_description(given: Mapping[str, object]) -> list[str]:
-    """Names of missing parameters that are indispensable and that only a description can fill.
+    """Return the full names of missing diameters and widths, for which it is worth waiting for a description.
 
-    Empty if none is missing, and if anything else is wrong, which is then reported at once.
+    Empty if there are none, or if another parameter is wrong, which a description would not mend.
     """
     needed = [name for name in silent_parameters(given) if name.endswith(_SIZE)]
     return needed if len(problems(given)) == len(needed) else []
@@ -115,22 +118,27 @@ def needs_description(given: Mapping[str, object]) -> list[str]:
 def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
     """Fill the wheels' missing parameters from a robot description (URDF).
 
-    Diameter and width come from the cylinder of the link that the wheel's joint moves, places from
-    the chain of joints between it and the base frame (all at zero) and the cylinder's middle, the
-    joint's sign from its axis: 1 where that points along +y of the base frame, -1 along -y; its
-    frame is that link. What steers it is the nearest joint above that turns about the vertical.
+    A wheel's frame is the link that its joint moves; diameter and width are those of the cylinder of this
+    link. Its position is that of the cylinder's middle in the base frame, with all joints at zero. The
+    joint's sign is 1 if its axis points to the left, -1 to the right. The joint that steers it is the nearest
+    one above it that turns about the vertical.
 
     Parameters
     ----------
     text
         The URDF.
     given
-        Parameters that are given, by full name, as in `silent_parameters`.
+        Values of parameters by full name, as in `silent_parameters`; these are not filled.
+
+    Returns
+    -------
+    Filled
+        The values, and sentences about what is lacking.
 
     Raises
     ------
     RobotDescriptionError
-        If the text is no URDF, or that of a vehicle of which one joint carries and steers several wheels.
+        If the text is not a URDF, or if one of its joints steers several wheels.
     ParametersError
         If the wheels have no usable names.
     """
@@ -159,7 +167,7 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
         for why, lacking in failed.items():
             filled.lacking.append(f"robot description: {', '.join(lacking)}: {why}")
         if f"{wheel}.frame" in silent:
-            with suppress(RobotDescriptionError):  # which other parameters of the wheel have said
+            with suppress(RobotDescriptionError):  # reported with the wheel's other parameters
                 filled.values[f"{wheel}.frame"] = _mounting(urdf, wheel, given)[0].child
         if (
             given.get(f"{wheel}.contact") != PRESSED
@@ -178,13 +186,13 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
 def _heading(
     urdf: Urdf, given: Mapping[str, object], silent: list[str], filled: Filled
 ) -> VehicleHeading:
-    """Which way the vehicle looks in the base frame, of which a note is made where it is not ahead."""
+    """Direction in which the vehicle faces in the base frame; remarks on it are added to `filled.lacking`."""
     wheels, base = {}, BASE
     for wheel in wheel_names(given.get("wheels")):
         try:
             wheels[wheel], base = _mounting(urdf, wheel, given)
             axis_of(urdf, wheels[wheel], base)
-        except RobotDescriptionError:  # said where its place is looked for
+        except RobotDescriptionError:  # reported where its position is looked for
             wheels.pop(wheel, None)
     wanted = {
         f"{wheel}.{name}" for wheel in wheels for name in (*_PLACE, "joint_sign", "steering_joint")
@@ -202,7 +210,10 @@ def _heading(
 
 
 def _mounting(urdf: Urdf, wheel: str, given: Mapping[str, object]) -> tuple[Joint, str]:
-    """Return a wheel's joint and the base frame: the one that is given, base_link, or the root link."""
+    """Return the joint that turns a wheel, and the name of the base frame's link.
+
+    That link is the one that is given or base_link, or the root link if there is no base_link.
+    """
     name = given.get(f"{wheel}.joint") or f"{wheel}_joint"
     joint = urdf.joints.get(str(name))
     if joint is None:
@@ -220,7 +231,7 @@ def _mounting(urdf: Urdf, wheel: str, given: Mapping[str, object]) -> tuple[Join
 
 
 def _size(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[float, float]:
-    """Diameter and width, m."""
+    """Diameter and width (m) of the wheel that a joint turns, from its cylinder."""
     radius, length, pose = urdf.cylinder(joint.child)
     if abs(float(pose[:3, 2] @ joint.axis)) < PARALLEL:
         raise RobotDescriptionError(
@@ -231,7 +242,7 @@ def _size(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple
 
 
 def _place(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[float, float]:
-    """Lateral and longitudinal position, m: of the cylinder's middle where the wheel has one."""
+    """Lateral and longitudinal position (m) of a wheel: of its cylinder's middle, if it has one."""
     centre = centre_of(urdf, joint, base)
     if heading.quarters is None:
         raise RobotDescriptionError(heading.note)
@@ -240,7 +251,7 @@ def _place(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tupl
 
 
 def _sign(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[int]:
-    """The joint's sign: a turn about the left takes the top of the wheel forward."""
+    """Sign of a wheel's joint: 1 if its axis points to the left, so that it turns forward, else -1."""
     if joint.kind not in TURNING:
         kinds = " or ".join(TURNING)
         raise RobotDescriptionError(f"joint {joint.name!r} is {joint.kind!r}, expected {kinds}")
@@ -259,14 +270,14 @@ def _sign(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple
 def _steering(
     urdf: Urdf, wheel: str, given: Mapping[str, object], heading: VehicleHeading
 ) -> dict[str, Value]:
-    """Parameters of what steers a wheel; empty where nothing does, or something else is wrong.
+    """Parameters of a wheel's steering by full name; empty if nothing steers it, or its joint is unknown.
 
-    Raises RobotDescriptionError where that joint carries other wheels, too.
+    Raises RobotDescriptionError where the joint that steers it carries other wheels, too.
     """
     try:
         mounting = _mounting(urdf, wheel, given)
         found = steering_of(urdf, *mounting, heading)
-    except RobotDescriptionError:  # said where its place is looked for
+    except RobotDescriptionError:  # reported where its position is looked for
         return {}
     if found is None:
         return {}

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which joints of a robot description turn wheels, what steers these, and which way the base faces.
+"""Recognition of the joints of a robot description that turn and steer wheels, and of the way ahead.
 
-The first two need neither names nor shapes: a wheel turns about a horizontal axis across the
-vehicle, has no such joint below it, and is among the lowest joints. It is steered by the nearest
-joint above it that turns about the vertical. The base's x points ahead (REP 103), unless wheels
-turn about it: then names have to show it.
+Wheels and steering need neither names nor shapes: a wheel turns about a horizontal axis across the vehicle,
+has no such joint below it, and is among the lowest joints. It is steered by the nearest joint above it that
+turns about the vertical. The base's x points ahead (REP 103), unless the wheels turn about it: then their
+names have to show the way ahead.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Steering(NamedTuple):
     sign
         1 if its position is positive to the left, else -1.
     arm
-        How far the wheel's middle is to the left of the joint's axis, m.
+        Distance of the wheel's middle to the left of the joint's axis, m.
     zero
         Position of the joint at which the wheel points straight ahead, rad.
     """
@@ -69,7 +69,15 @@ class Steering(NamedTuple):
 
 @dataclass
 class RunningGear:
-    """The joints that turn wheels, and notes on turning joints that are not used and on oddities."""
+    """The joints of a vehicle that turn wheels.
+
+    Attributes
+    ----------
+    wheels
+        These joints.
+    notes
+        Sentences about other joints that turn, and about oddities.
+    """
 
     wheels: list[Joint] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -81,27 +89,30 @@ class VehicleHeading(NamedTuple):
     Attributes
     ----------
     quarters
-        Number of 90-degree turns from the frame's x to straight ahead, positive to the left; None if
-        unknown.
+        Number of 90-degree turns to the left from the frame's x to straight ahead, 0 to 3; None if unknown.
     note
-        The reason, in words, if `quarters` is not 0.
+        Explanation for the user if `quarters` is not 0; else empty.
     """
 
     quarters: int | None
     note: str = ""
 
     def turned(self, vector: Array) -> Array:
-        """A direction or place in the base frame, (3,), as components ahead, left and up."""
+        """Convert a direction or position in the base frame, (3,), to components ahead, left and up.
+
+        An unknown heading counts as along x.
+        """
         cosine, sine = _AHEAD[self.quarters or 0]
         x, y, z = vector
         return np.array([cosine * x + sine * y, cosine * y - sine * x, z])
 
 
 class _Turning(NamedTuple):
-    """A joint that turns, in the base frame.
+    """A joint that turns, in the base frame; m.
 
-    axis: its direction; at: a point of it; centre: the middle of its link's cylinder, or that point; low: the
-    height of that cylinder's lowest point; above: joints that turn above it, the nearest first.
+    axis: direction of its axis. at: a point on that. centre: middle of its child link's cylinder, without one
+    that point. low: height of the cylinder's lowest point. above: the turning joints between it and the base,
+    the nearest first.
     """
 
     joint: Joint
@@ -113,7 +124,7 @@ class _Turning(NamedTuple):
 
 
 def centre_of(urdf: Urdf, joint: Joint, base: str) -> Array:
-    """A wheel's middle in the base frame, shape (3,), m: that of its cylinder if it has one.
+    """Compute the position of a wheel's middle: of its cylinder, or without one of its link's origin.
 
     Parameters
     ----------
@@ -121,6 +132,11 @@ def centre_of(urdf: Urdf, joint: Joint, base: str) -> Array:
         The robot's description, and the joint that turns the wheel.
     base
         Name of the base frame's link.
+
+    Returns
+    -------
+    ndarray
+        Shape (3,), in the base frame, m.
     """
     pose = urdf.pose(joint.child, base)
     with suppress(RobotDescriptionError):
@@ -129,7 +145,7 @@ def centre_of(urdf: Urdf, joint: Joint, base: str) -> Array:
 
 
 def axis_of(urdf: Urdf, joint: Joint, base: str) -> Array:
-    """Direction in the base frame that a joint turns about, shape (3,), of length 1.
+    """Compute the direction of a joint's axis in the base frame.
 
     Parameters
     ----------
@@ -137,12 +153,21 @@ def axis_of(urdf: Urdf, joint: Joint, base: str) -> Array:
         The robot's description and the joint.
     base
         Name of the base frame's link.
+
+    Returns
+    -------
+    ndarray
+        Shape (3,), of length 1.
     """
     return np.asarray(urdf.pose(joint.child, base)[:3, :3] @ joint.axis)
 
 
 def running_gear(urdf: Urdf) -> RunningGear:
-    """Find the joints that turn wheels. Raises RobotDescriptionError, saying why, where there are none."""
+    """Find the joints that turn wheels.
+
+    Raises RobotDescriptionError with the reason if there are none, or if the vehicle is tracked or
+    articulated.
+    """
     all_ = [joint for joint in urdf.joints.values() if joint.kind in TURNING]
     if not all_:
         raise RobotDescriptionError(_none_turns(urdf))
@@ -203,7 +228,10 @@ def running_gear(urdf: Urdf) -> RunningGear:
 
 
 def _mates(could: list[_Turning], why: Mapping[str, str]) -> list[str]:
-    """Joints that are too high, but called wheels, beside one that is not: tilted rockers."""
+    """Names of joints that are too high, as on tilted rockers, but called wheels like one on the other side.
+
+    why: for each joint the reason why it is no wheel; empty for a wheel.
+    """
     low = [place_of(one.joint.name) for one in could if not why[one.joint.name]]
     found = []
     for one in could:
@@ -216,7 +244,10 @@ def _mates(could: list[_Turning], why: Mapping[str, str]) -> list[str]:
 
 
 def _refuse_tracks(wheels: list[_Turning], higher: list[_Turning], across: int) -> None:
-    """Refuse rows of wheels with others above them in line on both sides: sprockets and idlers of tracks."""
+    """Raise RobotDescriptionError if on both sides higher joints are in line with wheels, as on tracks.
+
+    across: axis of the base frame, 0 or 1, that is across the vehicle.
+    """
     sides = [float(one.centre[across]) for one in wheels]
     middle = 0.5 * (max(sides, default=0.0) + min(sides, default=0.0))
     line = _IN_LINE * (max(sides, default=0.0) - min(sides, default=0.0))
@@ -239,7 +270,7 @@ def _is_steer(name: str, one: _Turning) -> bool:
 def steering_of(
     urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading | None = None
 ) -> Steering | None:
-    """The joint that steers a wheel; None if there is none.
+    """Find the joint that steers a wheel.
 
     Parameters
     ----------
@@ -250,10 +281,15 @@ def steering_of(
     heading
         Direction in which the vehicle faces; None: along the base frame's x.
 
+    Returns
+    -------
+    Steering or None
+        The nearest joint above the wheel that turns about the vertical; None if there is none.
+
     Raises
     ------
     RobotDescriptionError
-        Where the description has no such place.
+        If the description does not give the position of one of these joints in the base frame.
     """
     heading = heading or VehicleHeading(0)
     above = {j.name: _turning(urdf, j, base) for j in _above(urdf, joint, base)}
@@ -270,7 +306,7 @@ def steering_of(
 
 
 def carried_by(urdf: Urdf, steering: str, wheels: Mapping[str, Joint], base: str) -> list[str]:
-    """The wheels that a steering joint carries, by their names.
+    """Return the names of the wheels that a joint steers.
 
     Parameters
     ----------
@@ -279,7 +315,7 @@ def carried_by(urdf: Urdf, steering: str, wheels: Mapping[str, Joint], base: str
     steering
         Name of the steering joint.
     wheels
-        By a wheel's name, the joint that turns it.
+        The joint that turns each wheel, by the wheel's name.
     base
         Name of the base frame's link.
     """
@@ -291,12 +327,12 @@ def carried_by(urdf: Urdf, steering: str, wheels: Mapping[str, Joint], base: str
 
 
 def articulated(joint: str, wheels: Iterable[str]) -> str:
-    """Say in a sentence that a joint carries several wheels.
+    """Return a sentence that a joint steers several wheels, and that such a vehicle is not estimated.
 
     Parameters
     ----------
     joint
-        Its name.
+        Name of the joint.
     wheels
         Names of the wheels.
     """
@@ -307,21 +343,27 @@ def articulated(joint: str, wheels: Iterable[str]) -> str:
 
 
 def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHeading:
-    """Direction in which the vehicle faces in its base frame, by its wheels' axes and names.
+    """Find the direction in which the vehicle faces in its base frame, by the axes and names of its wheels.
 
     Parameters
     ----------
     urdf
         The robot's description.
     wheels
-        By a wheel's name, the joint that turns it.
+        The joint that turns each wheel, by the wheel's name.
     base
         Name of the base frame's link.
+
+    Returns
+    -------
+    VehicleHeading
+        Along x unless names and positions of all wheels show another direction; unknown if all wheels turn
+        about x and their names do not show it.
 
     Raises
     ------
     RobotDescriptionError
-        If a wheel's place is unknown.
+        If a wheel's position is unknown.
     """
     centres = {name: centre_of(urdf, joint, base) for name, joint in wheels.items()}
     axes = [axis_of(urdf, joint, base) for joint in wheels.values()]
@@ -347,14 +389,14 @@ def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHea
 def contradicting(
     urdf: Urdf, wheels: Mapping[str, Joint], base: str, heading: VehicleHeading
 ) -> list[str]:
-    """Wheels whose places contradict their names.
+    """Return the names of wheels whose positions contradict their names, such as a left one on the right.
 
     Parameters
     ----------
     urdf
         The robot's description.
     wheels
-        By a wheel's name, the joint that turns it.
+        The joint that turns each wheel, by the wheel's name.
     base
         Name of the base frame's link.
     heading
@@ -370,7 +412,10 @@ def contradicting(
 def _agrees(
     centres: Mapping[str, Array], wheels: Mapping[str, Joint], heading: VehicleHeading
 ) -> bool | None:
-    """Whether all names agree with the places, the vehicle looking so; None where no name tells anything."""
+    """Whether names and positions of all wheels agree if the vehicle faces so; None if names show too little.
+
+    centres: position of each wheel's middle, (3,), m.
+    """
     placed = called_by_place({n: _xy(heading.turned(c)) for n, c in centres.items()})
     if placed is None:
         return None
@@ -382,12 +427,12 @@ def _agrees(
 
 
 def _told(wheel: str, joint: Joint) -> set[str]:
-    """Place of a wheel as its name, else its joint's, tells it."""
+    """Words for the place of a wheel in its name, or if that has none in its joint's name."""
     return place_of(wheel) or place_of(joint.name)
 
 
 def _against(told: set[str], placed: Iterable[str]) -> bool:
-    """Whether two places of a wheel are different ones."""
+    """Whether the words for two places contradict each other, along the vehicle or across it."""
     there = {*placed}
     return any(
         told & {*axis} and there & {*axis} and not told & there & {*axis}
@@ -419,9 +464,9 @@ def _turning(urdf: Urdf, joint: Joint, base: str) -> _Turning:
 
 
 def _across(turning: Iterable[_Turning]) -> int:
-    """The axis of the base frame that most joints which could be wheels turn about: 1 is y, 0 x.
+    """Index of the base frame's axis about which most joints turn that may be wheels: 0 is x, 1 is y.
 
-    Those in the lower part: an arm's turn about all axes.
+    Only low joints count, since those of an arm turn about all axes.
     """
     free = [one for one in turning if one.joint.full_turn and max(abs(one.axis[:2])) > PARALLEL]
     heights = [float(one.centre[2]) for one in free] or [0.0]
@@ -432,7 +477,10 @@ def _across(turning: Iterable[_Turning]) -> int:
 
 
 def _no_wheel(one: _Turning, turning: Mapping[str, _Turning], across: int) -> str:
-    """Why a joint turns no wheel, by itself; empty where it may."""
+    """Reason in words why a joint turns no wheel, whatever its height; empty if it may turn one.
+
+    across: axis of the base frame, 0 or 1, that is across the vehicle.
+    """
     if abs(one.axis[across]) < PARALLEL:
         return f"about {_shown(one.axis)}"
     below = [
@@ -450,10 +498,10 @@ def _no_wheel(one: _Turning, turning: Mapping[str, _Turning], across: int) -> st
 
 
 def _leg(urdf: Urdf, one: _Turning, turning: Mapping[str, _Turning], across: int) -> str:
-    """Whether a joint below another one that turns alike is a knee; empty where not, or called wheel.
+    """Reason in words why a joint is the knee of a leg; empty if it is none, or is called a wheel.
 
-    What a knee turns hangs to one side of its axis. So may a wheel whose centre of mass was typed wrongly,
-    but that one is mostly on the base or below what steers it.
+    A knee is below a parallel joint, and its link hangs to one side of its axis. So may a wheel whose centre
+    of mass was typed wrongly, but that is mostly attached to the base or to a steering joint.
     """
     size = float(np.ptp([other.at for other in turning.values()], axis=0).max())
     called = "wheel" in f"{one.joint.name} {one.joint.child}".lower()
@@ -465,7 +513,7 @@ def _leg(urdf: Urdf, one: _Turning, turning: Mapping[str, _Turning], across: int
 
 
 def _caster(one: _Turning, turning: Mapping[str, _Turning]) -> str:
-    """Whether a wheel follows a swivel, which no motor turns; empty where it does not."""
+    """Return "a caster" if a joint turns a wheel that trails an undriven swivel; else an empty text."""
     name = _steered_by(one, turning)
     called = f"{name} {one.joint.name} {one.joint.child}".lower()
     if "caster" in called or "castor" in called:
@@ -490,13 +538,16 @@ def _steered_by(one: _Turning, turning: Mapping[str, _Turning]) -> str:
 
 
 def _above_lowest(could: list[_Turning], one: _Turning, what: Literal["low", "middle"]) -> float:
-    """How far the lowest point or the middle of a joint's link is above the lowest one, m."""
+    """Height (m) of the lowest point or the middle of a joint's link above the lowest one of `could`."""
     heights = {id(o): o.low if what == "low" else float(o.centre[2]) for o in could}
     return heights[id(one)] - min(heights.values())
 
 
 def _height(could: list[_Turning], turning: Iterable[_Turning]) -> float:
-    """How high above the lowest wheel another one is at most, m."""
+    """Largest height (m) of a wheel above the lowest one.
+
+    could: joints that may be wheels. turning: all joints that turn.
+    """
     heights = [float(one.centre[2]) for one in turning]
     places = np.array([one.centre[:2] for one in could])
     return max(
@@ -518,7 +569,7 @@ def _none_turns(urdf: Urdf) -> str:
 
 
 def _fixed_wheels(urdf: Urdf) -> list[str]:
-    """Joints that are called wheels and do not turn."""
+    """Names in words of fixed joints that are called wheels; at most one text."""
     names = [
         j.name for j in urdf.joints.values() if j.kind == "fixed" and "wheel" in j.name.lower()
     ]
@@ -539,7 +590,7 @@ def _not_ahead(base: str, wheels: list[Joint]) -> str:
 
 
 def _left_out(left: Mapping[str, str]) -> list[str]:
-    """Names of joints, by why they are no wheels."""
+    """Names of joints, grouped by the reason why they are no wheels; at most one text."""
     by: dict[str, list[str]] = {}
     for name, reason in left.items():
         by.setdefault(reason, []).append(name)

@@ -24,8 +24,8 @@ VELOCITY = "velocity"
 VelocitySource = Literal["odometry", "topic", "none"]
 # m/s: at or below it vehicle and wheels stand, with no slip and no travel; one deviation of odometry's speed.
 STANDSTILL_SPEED = 0.01
-# m/s: a rim that drives is faster (encoders of one that stands show 0.02 at most), and what is slower has no
-# slip of the vehicle: that is a ratio of two speeds.
+# m/s: a rim that drives is faster (encoders of one at rest show 0.02 at most). Slower rims give no slip of
+# the vehicle, which is a ratio of two speeds.
 SLOWEST_RIM = 0.05
 # The body of a small vehicle is above its wheels.
 _GRAVITY_HEIGHT = 1.2  # mean diameters
@@ -33,15 +33,15 @@ _GRAVITY_HEIGHT = 1.2  # mean diameters
 
 @dataclass(frozen=True)
 class Steered:
-    """How a wheel is steered.
+    """Geometry of a steered wheel.
 
     Attributes
     ----------
     arm
-        How far its middle is to the left of the steering axis, m; None if unknown.
+        Distance of its middle to the left of the steering axis, when it points ahead, m; None if unknown.
     linkage
-        For two wheels with one central angle, how far their axle is ahead of the line on which the
-        vehicle's turning centre lies, m; 0 if the wheel has a joint of its own.
+        For two wheels with one central angle, distance of their axle ahead of the line across the vehicle on
+        which its turning centre lies, m; 0 if the wheel has a joint of its own.
     """
 
     arm: float | None = None
@@ -55,9 +55,11 @@ class OnboardSettings(DriveParameters):
     Attributes
     ----------
     wheels
-        The vehicle's wheels, with names of their own.
+        The vehicle's wheels; no two have the same name.
     prior, strength
-        The soil's law before any measurement, and its shear strength.
+        The soil's pressure-sinkage law, and its shear strength, before any measurement.
+    estimator
+        Settings of the soil's estimate about sensors and ground.
     without_sinkage
         Names of wheels whose sinkage is not measured; they get predictions at the times of loads.
     with_drawbar_pull
@@ -73,8 +75,8 @@ class OnboardSettings(DriveParameters):
     steered
         Rolling wheels whose steering angle is measured, by name.
     velocity
-        Source of the speed over ground for slip: odometry not computed from the wheels, a topic of its
-        own, or none if the odometry is computed from the wheels.
+        Source of the speed over ground for slip: `odometry`; `topic`, if there is a topic of velocities; or
+        `none`, if the odometry is declared to be computed from the wheels.
     soil_told
         Whether the user has named the soil; if not, it may be any soil.
     strength_measured
@@ -142,7 +144,7 @@ class OnboardSettings(DriveParameters):
 
     @cached_property
     def covariates(self) -> tuple[str, ...]:
-        """Columns other than the load that effects read; a row without them has no predicted sinkage."""
+        """Which of `slip` and `speed` effects read; a row without these has no predicted sinkage."""
         return covariates_of(self.effects)
 
     @cached_property
@@ -152,13 +154,13 @@ class OnboardSettings(DriveParameters):
 
     @property
     def unsteered_place(self) -> float:
-        """Mean place ahead (m) of the wheels that are not steered and do not move sideways; 0 without any."""
+        """Mean position ahead of the base frame (m) of the wheels that are not steered; 0 without any."""
         fixed = [w.longitudinal_position for w in self.rolling if w.name not in self.steered]
         return sum(fixed) / len(fixed) if fixed else 0.0
 
     @property
     def mean_diameter(self) -> float:
-        """Mean diameter of the wheels, m: how a soil carries these wheels is best known for this diameter."""
+        """Mean diameter of the wheels, m: the one for which the soil's reference pressure is estimated."""
         mean = sum(wheel.diameter for wheel in self.wheels) / len(self.wheels)
         return round(mean, 6)  # it is printed
 
@@ -182,10 +184,16 @@ class OnboardSettings(DriveParameters):
 
 @dataclass(frozen=True, kw_only=True)
 class NodeSettings(Parameters):
-    """The parameters, and the prior knowledge that the estimate rests on."""
+    """The node's parameters, with the settings of the pipeline that follow from them.
+
+    Attributes
+    ----------
+    onboard
+        Settings of the pipeline.
+    """
 
     onboard: OnboardSettings
 
     def frame_of(self, wheel: str) -> str:
-        """Frame of a wheel's messages."""
+        """Frame (frame_id) of the messages about a wheel, given the wheel's name."""
         return self.inputs[wheel].frame or wheel

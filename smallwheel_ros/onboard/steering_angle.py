@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# rad: modules that steer without end count on over half a turn; more than a whole one none is known to.
+# rad: modules that steer endlessly count on beyond half a turn; none is known to exceed a whole one.
 _MOST = math.tau
-_SURE = 5  # messages with more, after which it is no glitch, but another unit
-# rad; ns: an angle that stands so long and then is so far off came in steps: no wheel turns so fast.
+_SURE = 5  # messages beyond it, after which it is no glitch, but another unit
+# rad; ns: an angle that is constant for so long and then differs by so much comes in steps: no wheel turns so
+# fast.
 _STEP, _STANDS = 0.1, 250_000_000
 
 
@@ -25,13 +26,15 @@ class SteeringReader:
 
     Attributes
     ----------
-    sign, zero
-        Sign of the joint, and its position straight ahead, rad.
+    sign
+        1 if the joint's position increases to the left, else -1.
+    zero
+        Position of the joint at which the wheel points straight ahead, rad.
     linkage
-        For an axle with one central angle, how far it is ahead of the line that the vehicle turns
-        about, m; 0 if the joint is the wheel's own.
+        For an axle with one central angle, distance of the axle ahead of the line across the vehicle on
+        which its turning centre lies, m; 0 if the wheel has a joint of its own.
     left
-        How far the wheel is to the left of the vehicle's middle, m.
+        Distance of the wheel to the left of the vehicle's middle, m; used with a linkage only.
     """
 
     sign: int
@@ -40,9 +43,10 @@ class SteeringReader:
     left: float = 0.0
 
     def angle(self, position: Array) -> Array:
-        """Angles (rad) of the wheel at positions of its joint, same shape.
+        """Angles (rad) of the wheel at positions (rad) of its joint, same shape.
 
-        With a linkage tan d_i = L tan d / (L - y_i tan d): all wheels are square to one turning centre.
+        With a linkage tan d_i = L tan d / (L - y_i tan d), so that the axes of all wheels meet in one turning
+        centre: d is the central angle, L `linkage`, y_i `left`.
         """
         central: Array = self.sign * (position - self.zero)
         if not self.linkage:
@@ -53,16 +57,16 @@ class SteeringReader:
 
 
 class SteeringAngle:
-    """Checks the angles of a wheel.
+    """Checks the steering angles of one wheel.
 
     Attributes
     ----------
     wrong
-        Why the angles are not used, in words; empty if they are.
+        Why some or all angles are not used, in words; empty as long as all are.
     odd
-        What is odd about angles that are used, in words.
+        What is odd about angles that are used, in words; empty if nothing is.
     new_steps
-        How often the angle jumped in the newest messages.
+        Number of jumps of the angle in the messages of the last call.
     """
 
     def __init__(self) -> None:
@@ -72,17 +76,22 @@ class SteeringAngle:
         self._last, self._since = math.nan, 0  # rad; ns, since when it has been the same
 
     def usable(self, stamps: Integers, angles: Array) -> NDArray[np.bool_]:
-        """Which messages have a usable angle, shape (messages,).
+        """Tell which further messages have a usable angle.
 
-        NaN counts as usable. Angles that repeatedly exceed a whole turn must be in degrees; smaller
-        ones then are too, and no message is used any more.
+        Angles that exceed a whole turn five times must be in degrees; smaller ones then are, too, and no
+        message is used any more.
 
         Parameters
         ----------
         stamps
-            ns, shape (messages,).
+            Shape (messages,), ns.
         angles
-            rad, shape (messages,).
+            Shape (messages,), rad; NaN counts as usable.
+
+        Returns
+        -------
+        ndarray
+            Shape (messages,), bool.
         """
         beyond = np.abs(angles) > _MOST
         count = self._beyond + np.cumsum(beyond)

@@ -20,12 +20,12 @@ from smallwheel_ros.physics.wheel import Quantity, Strength
 # angles of sand by 5 to 15 % (Cherubini 1997, as Phoon and Kulhawy 1999, fig. 5), drained cohesions by 10 to
 # 50 % (Probabilistic Model Code of the JCSS, 3.7, indicative deviations from point to point): the middles.
 _FIELD_FRICTION, _FIELD_COHESION = 0.1, 0.3
-# As a model's covariance calls c, phi, ln K, eta and mu.
+# Names in a model's covariance of c, phi, ln K, eta and mu.
 _FITTED = ("cohesion", "friction_angle", "log_shear_displacement", "rolling_share", "rim_friction")
 
 
 def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
-    """Strength of a soil of a model, and whether it was measured, that is, its friction angle was fitted.
+    """Return the strength on board of a soil of a model: usual values, or fitted ones widened for the field.
 
     Parameters
     ----------
@@ -33,6 +33,13 @@ def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
         The model, with the covariance of its parameters.
     soil
         One of its soils.
+
+    Returns
+    -------
+    strength : Strength
+        Means, standard deviations and correlations, SI.
+    measured : bool
+        Whether it was measured, that is, whether the friction angle was fitted.
     """
     usual = _with_or_without_lugs(usual_strength(soil))
     measured = [name for name in _FITTED if f"{soil.name}.{name}" in model.names]
@@ -66,7 +73,7 @@ def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
 
 
 def any_strength() -> Strength:
-    """Strength of unnamed ground: the prior of a fit."""
+    """Return the strength of ground of which nothing is known: the prior of a fit."""
     c, phi, log_shear = (
         STRENGTH_PARAMETERS[name][1]
         for name in ("cohesion", "friction_angle", "log_shear_displacement")
@@ -82,5 +89,5 @@ def any_strength() -> Strength:
 
 
 def _with_or_without_lugs(strength: Strength) -> Strength:
-    """On board nobody says whether a wheel has lugs, between which mu is 1."""
+    """Widen the rim friction mu up to 1, that between lugs: on board nobody says whether a wheel has any."""
     return strength.wider(rim_friction=1.0 - strength.rim_friction.value)

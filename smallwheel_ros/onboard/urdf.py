@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot description (URDF): its links and joints by name, and their poses.
 
-A pose is a matrix, (4, 4), that converts places in one frame to another; m.
+A pose is a homogeneous matrix, (4, 4), that converts positions (m) in the frame of a link to another frame.
 """
 
 from __future__ import annotations
@@ -31,7 +31,17 @@ class RobotDescriptionError(SmallwheelError):
 
 
 class Joint(NamedTuple):
-    """A joint: its name, type, the links that it joins, and its element."""
+    """A joint of a robot description.
+
+    Attributes
+    ----------
+    name, kind
+        Name and type, such as `continuous`; empty if missing.
+    parent, child
+        Names of the links that it joins; it moves the child.
+    element
+        Its element of the XML.
+    """
 
     name: str
     kind: str
@@ -41,7 +51,10 @@ class Joint(NamedTuple):
 
     @property
     def axis(self) -> Array:
-        """Direction that it turns about, (3,), of length 1, in the frame of the child link."""
+        """Direction of its axis, (3,), of length 1, in the frame of the child link.
+
+        Raises RobotDescriptionError if that has no direction, or is not three numbers.
+        """
         axis = _numbers(self.element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"joint {self.name!r}")
         length = float(np.linalg.norm(axis))
         if length < 1e-6:
@@ -50,7 +63,7 @@ class Joint(NamedTuple):
 
     @property
     def full_turn(self) -> bool:
-        """Whether it can turn without end, as a wheel does. Equal limits are treated as none."""
+        """Whether it can make a full turn, as a wheel does; equal limits are treated as none."""
         if self.kind == "continuous":
             return True
         limit, where = self.element.find("limit"), f"joint {self.name!r}"
@@ -59,10 +72,24 @@ class Joint(NamedTuple):
 
 
 class Urdf:
-    """The links and joints of a robot description, by name, without those of transmissions and plugins.
+    """The links and joints of a robot description, without those of transmissions and plugins.
 
-    Raises RobotDescriptionError if the text is not a URDF, or has two joints with one name or above one
-    link.
+    Parameters
+    ----------
+    text
+        The URDF.
+
+    Attributes
+    ----------
+    links
+        Elements of the links, by name.
+    joints
+        The joints, by name.
+
+    Raises
+    ------
+    RobotDescriptionError
+        If the text is not a URDF, or two joints have one name or one child link.
     """
 
     def __init__(self, text: str) -> None:
@@ -97,7 +124,7 @@ class Urdf:
             self.joints[name] = self._above[joint.child] = joint
 
     def chain(self, link: str) -> list[Joint]:
-        """The joints above a link, from the lowest up to the root link."""
+        """Return the joints between a link and the root link, that next to the link first."""
         chain: list[Joint] = []
         while link in self._above:
             if len(chain) > len(self.joints):
@@ -107,16 +134,26 @@ class Urdf:
         return chain
 
     def base(self, link: str) -> str:
-        """The frame in which a wheel's place is given: base_link, or the root link above the wheel's."""
+        """Return the name of the base frame for a link: base_link, or without one its root link."""
         return BASE if BASE in self.links else self.root(link)
 
     def pose(self, link: str, frame: str) -> Array:
-        """Pose of a link in the frame of another one, with all joints at zero, shape (4, 4), m.
+        """Compute the pose of a link in the frame of another one, with all joints at zero.
 
         Parameters
         ----------
         link, frame
-            Their names.
+            Names of the link, and of the link whose frame is used.
+
+        Returns
+        -------
+        ndarray
+            Shape (4, 4): homogeneous matrix, m.
+
+        Raises
+        ------
+        RobotDescriptionError
+            If no joints connect the two, or one of these has a wrong origin.
         """
         poses = []
         for each in (frame, link):
@@ -129,19 +166,14 @@ class Urdf:
         return np.asarray(np.linalg.solve(*poses), dtype=np.float64)
 
     def root(self, link: str) -> str:
-        """Return the link at the top of the chain that a link is in."""
+        """Return the name of the link at the top of the chain of joints above a link."""
         return ([link] + [joint.parent for joint in self.chain(link)])[-1]
 
     def off_axis(self, joint: Joint) -> float:
-        """Distance from a joint's axis to the middle of what it turns, m; 0 if that is unknown.
+        """Return the distance (m) of the middle of the link that a joint turns from its axis; 0 if unknown.
 
-        The centre of mass of its child link, else the middle of its boxes, cylinders and spheres, those of
-        the collision first; the origin of a mesh is no middle.
-
-        Parameters
-        ----------
-        joint
-            One that turns.
+        The middle is the centre of mass, or without one the mean place of the boxes, cylinders and spheres of
+        the collision, else of the visual; the origin of a mesh says nothing about its middle.
         """
         element, where = self.links.get(joint.child), f"link {joint.child!r}"
         if element is None:
@@ -160,7 +192,20 @@ class Urdf:
         return float(np.linalg.norm(middle - (middle @ joint.axis) * joint.axis))
 
     def cylinder(self, link: str) -> tuple[float, float, Array]:
-        """Return radius, length (m) and pose of the largest cylinder of a link; its axis is its z."""
+        """Return the cylinder of largest radius of a link: of its collision, or else of its visual.
+
+        Returns
+        -------
+        radius, length : float
+            m.
+        pose : ndarray
+            Pose in the frame of the link, shape (4, 4), m; the cylinder's axis is along z.
+
+        Raises
+        ------
+        RobotDescriptionError
+            If there is no such link, or it has no cylinder.
+        """
         element, where = self.links.get(link), f"link {link!r}"
         if element is None:
             raise RobotDescriptionError(f"there is no {where}")
@@ -183,7 +228,10 @@ class Urdf:
 
 
 def _origin(element: Element, where: str) -> Array:
-    """Read the element's origin; rpy are angles about the fixed axes x, y and z, in this order."""
+    """Read the pose (4, 4) of an element's origin.
+
+    rpy are angles about the fixed axes x, y and z, in this order. where: the element in words, for errors.
+    """
     origin, pose = element.find("origin"), np.eye(4)
     angles = _numbers(origin, "rpy", (0.0, 0.0, 0.0), where)
     pose[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
@@ -208,7 +256,7 @@ def _numbers(element: Element | None, name: str, default: tuple[float, ...], whe
 
 
 def _tree(text: str) -> Element:
-    """Read the text; prefixes that it does not declare are declared (older ones of Gazebo are seldom)."""
+    """Parse the XML; namespace prefixes that it does not declare are added, as in old files for Gazebo."""
     try:
         return ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
@@ -224,7 +272,7 @@ def _tree(text: str) -> Element:
 
 
 def _macro(root: Element) -> str:
-    """Return a sign of xacro that nobody expanded: an element of it, or ${} in a link's or joint's text."""
+    """Return in words what shows unexpanded xacro: an element of it, or ${} in a link or joint; else ""."""
     for element in root.iter():
         if "xacro" in element.tag.partition("}")[0]:
             return f"it has <xacro:{element.tag.rpartition('}')[2]}>"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How names of wheels, joints and topics are understood, and how wheels are named.
+"""Reading of the names of wheels, joints and topics, and naming of wheels.
 
 A name shows the place of a wheel in full words, or in letters: FL, lf, L, R, F. A letter with two
 meanings (R: rear, right) has the one that is compatible with its neighbours.
@@ -40,23 +40,29 @@ _OF = {
     6: ("front_left", "front_right", "middle_left", "middle_right", "rear_left", "rear_right"),
 }
 _FAIR = 0.5
-_ROW = 0.15  # of the distance between the foremost and the rearmost wheel: less is one row, on rockers too
+_ROW = 0.15  # of the distance from the foremost to the rearmost wheel: nearer ones are in one row
 _MIDDLE = 0.1  # of the widest track: a wheel nearer to the middle is on no side
-_THICK = 0.01  # m: less beside the middle is none
+_THICK = 0.01  # m: a wheel nearer to the middle is on no side, however narrow the vehicle is
 
 
 def usual_names(count: int) -> list[str]:
-    """Names for a number of wheels."""
+    """Return usual names for a number of wheels, such as front_left, or wheel_1 and so on."""
     return list(_OF.get(count, [f"wheel_{i}" for i in range(1, count + 1)]))
 
 
 def words_of(name: str) -> set[str]:
-    """Words of a name; short forms of places are spelled out, R alone is rear and right."""
+    """Return the words of a name in lower case; short forms of places are spelled out.
+
+    An R that may be rear or right is both.
+    """
     return _read(name)[0]
 
 
 def place_of(name: str) -> set[str]:
-    """Words of a name that show a wheel's place; an R that may be rear or right is left out."""
+    """Return those words of a name that show a wheel's place: front, middle, rear, left, right.
+
+    An R that may be rear or right is left out.
+    """
     words, open_ = _read(name)
     return (words - {"rear", "right"} if open_ else words) & {*PLACES}
 
@@ -88,16 +94,21 @@ def _read(name: str) -> tuple[set[str], bool]:
 
 
 def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
-    """Choose the name most similar to that of a wheel's input; None if none is, or two equally.
+    """Choose the topic or joint whose name is most similar to that of an input.
 
     Parameters
     ----------
     wheel
-        The wheel's name.
+        Name of the wheel, or of an input of the vehicle.
     kind
-        What the input is, such as `sinkage`; empty for an input of the vehicle.
+        What the wheel's input measures, such as `sinkage`; empty for an input of the vehicle.
     names
         Topics or joints to choose from.
+
+    Returns
+    -------
+    str or None
+        One of the names; None if none is similar, or two are equally so.
     """
     scored = sorted(((_likeness(wheel, kind, name), name) for name in names), reverse=True)
     if not scored or scored[0][0] < _FAIR:
@@ -108,7 +119,7 @@ def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
 
 
 def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
-    """Choose the only one of some names, or the one most similar to an input of the vehicle.
+    """Choose a topic for an input of the vehicle: the only one, or the one most similar by name.
 
     Parameters
     ----------
@@ -116,12 +127,17 @@ def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
         Name of the input, such as `odom`.
     names
         Topics to choose from.
+
+    Returns
+    -------
+    str or None
+        One of the names; None if none of several is similar, or two are equally so.
     """
     return names[0] if len(names) == 1 else best_match(name, "", names)
 
 
 def _likeness(wheel: str, kind: str, name: str) -> float:
-    """How much a topic's or joint's name looks like that of a wheel's input; 0 to 1."""
+    """Similarity, 0 to 1, of a topic's or joint's name to that of an input; arguments as in `best_match`."""
     wanted, there = words_of(wheel), words_of(name)
     places, others = wanted & {*PLACES}, there & {*PLACES}
     if others - places and places - others:
@@ -134,17 +150,23 @@ def _likeness(wheel: str, kind: str, name: str) -> float:
 def wheels_named_by(
     names: Sequence[str], where: Mapping[str, tuple[float, float]] | None = None
 ) -> dict[str, str]:
-    """Name each wheel after its topic or joint; each of these belongs to another wheel.
+    """Name wheels, given a topic or joint of each.
 
-    A wheel is named by its place: as its topic's or joint's name shows it or, if names show less, as in
-    `where`; otherwise by the words in which the names differ.
+    A wheel is named by its place, such as `front_left`, as shown by the name of its topic or joint, or by
+    its position if the names do not show the places of all wheels; otherwise by the words in which the names
+    differ, or by numbers.
 
     Parameters
     ----------
     names
-        Topics or joints.
+        Topics or joints, one for each wheel.
     where
-        Place of each topic's or joint's wheel, m: x ahead and y to the left.
+        Position of the wheel of each topic or joint, m: x ahead and y to the left; None if unknown.
+
+    Returns
+    -------
+    dict
+        Topic or joint by the wheel's name, front before rear and left before right.
     """
     words = _words_of_all(names)
     found = {name: "_".join(p for p in PLACES if p in words[name]) for name in names}
@@ -166,7 +188,7 @@ def wheels_named_by(
 
 
 def _words_of_all(names: Sequence[str]) -> dict[str, set[str]]:
-    """Words of names that occur together: R is right next to an L, rear next to an F."""
+    """Words of several names; an unclear R is right, or rear if others show front and none left alone."""
     words = {name: words_of(name) for name in names}
     places = {name: place_of(name) for name in names}
     for name in names:
@@ -179,12 +201,18 @@ def _words_of_all(names: Sequence[str]) -> dict[str, set[str]]:
 
 
 def called_by_place(where: Mapping[str, tuple[float, float]]) -> dict[str, str] | None:
-    """Name wheels after their places; None if that does not give each a name of its own.
+    """Name wheels after their positions.
 
     Parameters
     ----------
     where
-        Places by any identifier: x ahead and y to the left, m.
+        Positions by any identifier of the wheels: x ahead and y to the left, m.
+
+    Returns
+    -------
+    dict or None
+        Names such as `front_left`, by the same identifiers; None if two wheels would have one name, or a
+        wheel none.
     """
     ahead = sorted(x for x, _ in where.values())
     wide = max(_THICK, *(abs(y) for _, y in where.values()))
@@ -202,6 +230,6 @@ def called_by_place(where: Mapping[str, tuple[float, float]]) -> dict[str, str] 
 
 
 def _order(wheel: str) -> tuple[int, ...]:
-    """Front before rear, left before right."""
+    """Key by which wheels' names are sorted: front before rear, left before right."""
     words = wheel.split("_")
     return tuple(PLACES.index(word) if word in PLACES else len(PLACES) for word in words)

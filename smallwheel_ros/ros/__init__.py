@@ -25,7 +25,7 @@ class NodeProcessError(SmallwheelError):
 
 
 def check_ros() -> None:
-    """Raise NodeProcessError unless this Python has ROS, and the messages of this package."""
+    """Raise NodeProcessError unless this Python has ROS 2 and the generated messages of this package."""
     lacking = {"rclpy": "no ROS 2 (rclpy)", "smallwheel_ros.msg": "no messages of smallwheel_ros"}
     for module, words in lacking.items():
         if importlib.util.find_spec(module) is None:
@@ -68,9 +68,9 @@ def node(files: tuple[Path, ...], remaps: tuple[str, ...], arguments: tuple[str,
 
 
 def config_file(name: str) -> Path:
-    """Return a parameter file of this package, in the checkout or in the installation.
+    """Return the path of a parameter file of this package, in the checkout or in the installation.
 
-    Raises NodeProcessError where there is none of that name.
+    Raises NodeProcessError if there is none of that name.
     """
     prefixes = [
         *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep),
@@ -89,7 +89,7 @@ def config_file(name: str) -> Path:
 
 
 class NodeProcess:
-    """The node in a process of its own; use it in a `with` statement, which ends it.
+    """The node as a separate process, which a `with` statement starts and ends.
 
     Parameters
     ----------
@@ -98,9 +98,10 @@ class NodeProcess:
     log
         File for the node's output.
     overrides
-        Further parameters as ROS writes them, such as {"use_sim_time": "true"}.
+        Further parameters in ROS notation, which take precedence over the files, such as
+        {"use_sim_time": "true"}.
     environment
-        Environment variables that differ from those of this process.
+        Environment variables that differ from those of this process, by name.
 
     Attributes
     ----------
@@ -146,7 +147,7 @@ class NodeProcess:
             self._process.wait()
 
     def death(self) -> str | None:
-        """How it ended, with its last output; None while it runs."""
+        """Return how the process ended, with its last output; None while it runs."""
         code = self._process.poll()
         if code is None:
             return None

@@ -19,7 +19,7 @@ from smallwheel_ros.pipeline.intake.inputs import angles_of
 
 
 def message_class(kind: str) -> Any | None:
-    """The ROS class of a type like nav_msgs/msg/Odometry; None if it is not installed."""
+    """Return the ROS class of a message type such as nav_msgs/msg/Odometry; None if it is not installed."""
     try:
         package, _, name = kind.split("/")
         return getattr(importlib.import_module(f"{package}.msg"), name)
@@ -28,12 +28,12 @@ def message_class(kind: str) -> Any | None:
 
 
 def nanoseconds_of(stamp: Time) -> int:
-    """Turn a header's stamp into ns."""
+    """Return a header's stamp in ns."""
     return int(stamp.sec) * SECOND + int(stamp.nanosec)
 
 
 def time_message(stamp: int) -> Time:
-    """Turn ns into a header's stamp."""
+    """Return a stamp (ns) as that of a header."""
     return Time(sec=stamp // SECOND, nanosec=stamp % SECOND)
 
 
@@ -51,14 +51,19 @@ def header_of(stamp: int, frame: str) -> Header:
 
 
 def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
-    """Turn a grid into its message.
+    """Turn a grid of costs into a message.
 
     Parameters
     ----------
     grid
-        The grid.
+        The grid, of int8 cells.
     stamp
         Stamp of the header, ns.
+
+    Returns
+    -------
+    OccupancyGrid
+        In the grid's frame; its cells are row by row.
     """
     message = OccupancyGrid(header=header_of(stamp, grid.frame))
     info = message.info
@@ -67,13 +72,16 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
     info.height, info.width = grid.cells.shape
     info.origin.position.x, info.origin.position.y = grid.origin
     info.origin.orientation.w = 1.0
-    # An array of the right type is taken as it is; anything else is looked at cell by cell.
+    # An array of the right type is used directly; anything else would be checked cell by cell.
     message.data = array("b", grid.cells.tobytes())
     return message
 
 
 def pose_of(transform: Any) -> Pose:
-    """Place and heading of a geometry_msgs/Transform; the heading is NaN where it has no rotation."""
+    """Return position (m) and heading (rad) of a geometry_msgs/Transform.
+
+    The heading is NaN if its quaternion is not of unit length.
+    """
     by, turn = transform.translation, transform.rotation
     cosine, sine, *_ = angles_of(*np.array([[turn.x], [turn.y], [turn.z], [turn.w]]))
     return Pose(by.x, by.y, math.atan2(float(sine[0]), float(cosine[0])))

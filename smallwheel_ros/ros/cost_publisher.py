@@ -22,8 +22,8 @@ from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros.conversions import grid_message, nanoseconds_of, pose_of
 
-# s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
-# where they belong once it comes again: at once where tf tells of it, else after so long.
+# s: Nav2 leaves costs where they were when a grid arrived. A correction of map -> odom takes effect once the
+# grid is sent again: at once if tf shows the correction, else after so long.
 _AGAIN_AFTER = 5.0
 _LAST = 0.5  # s for listeners to take the last grid
 
@@ -33,15 +33,19 @@ class CostPublisher:
 
     Parameters
     ----------
+    settings
+        The node's settings.
     publishers
-        One for each of `COST_TOPICS`.
+        One for each of `COST_TOPICS`, in that order.
     report
-        Called with the reason why a grid cannot be used.
+        Called with topic, reason and explanation of a message that cannot be used.
 
     Attributes
     ----------
     published
-        Number of times that grids of costs were sent.
+        Number of times that the two grids were sent.
+    map
+        The cost map.
     ahead
         Puts messages about the ground ahead into the map.
     """
@@ -52,13 +56,13 @@ class CostPublisher:
         self._publishers = publishers
         self._stamp = 0
         self._last: Any = None
-        # The newest grids, of one place; empty before the first. When that was by time.monotonic().
+        # The newest grids, empty before the first, and when they were sent, by time.monotonic().
         self._sent: list[Any] = []
         self._sent_at = 0.0
-        # Of these grids, where tf had it when they were sent.
+        # Far corner of these grids by the first transform after they were sent.
         self._corner: tuple[float, float] | None = None
         self._corrected = False
-        # By frame, what /tf_static says of it: that comes once, mostly before any odometry.
+        # Transforms of /tf_static by frame: they come once, mostly before any odometry.
         self._static: dict[str, tuple[str, Pose]] = {}
         self.published = 0
         self.map = cost_map_of(settings)
@@ -66,21 +70,21 @@ class CostPublisher:
         self._ground = GroundMapper(self.map, settings.onboard.wheels)
 
     def take(self, estimates: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
-        """Write rows of estimates into the map; return the vehicle's rows with margins of terrain classes.
+        """Write the estimates of a turn into the map.
 
         Parameters
         ----------
         estimates
-            Rows newer than those of earlier calls.
+            Estimates of the wheels, newer than those of earlier calls.
         vehicle
-            Rows of the vehicle of the same turn.
+            Estimates of the vehicle in the same turn.
         frame
             Frame of the odometry.
 
         Returns
         -------
         VehicleEstimates
-            The vehicle's rows, with margins of terrain classes.
+            The same rows, with the margins of the terrain classes that the vehicle has crossed filled in.
         """
         self._stamp = max(self._stamp, int(estimates.stamp.max(initial=0)))
         vehicle = self._ground.take(estimates, vehicle, frame)
@@ -89,7 +93,7 @@ class CostPublisher:
         return vehicle
 
     def on_classes(self, message: Any) -> None:
-        """Use a grid of terrain classes; one that arrives by two subscriptions counts once."""
+        """Use a grid of terrain classes (nav_msgs/OccupancyGrid); the same one twice in a row counts once."""
         if message == self._last:
             return
         self._last = message
@@ -97,12 +101,12 @@ class CostPublisher:
             self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
 
     def on_elevation(self, message: Any) -> None:
-        """Take a map of elevations (grid_map_msgs/GridMap)."""
+        """Use a map of elevations (grid_map_msgs/GridMap)."""
         if self.ahead.take_elevation(message):
             self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
 
     def on_transforms(self, message: Any) -> None:
-        """Use transforms (tf2_msgs/TFMessage): grids are sent again once their frame has moved."""
+        """Use transforms (tf2_msgs/TFMessage): once the grids' frame has moved, they are sent again."""
         of_grid = self._sent[0].header.frame_id if self._sent else None
         for found in message.transforms:
             frame = found.child_frame_id
@@ -115,7 +119,7 @@ class CostPublisher:
                 self._look_at_corner(pose)
 
     def on_static_transforms(self, message: Any) -> None:
-        """Use static transforms, which are sent once; those of unknown frames are kept."""
+        """Use static transforms (tf2_msgs/TFMessage), and keep them: their frames may become known later."""
         for found in message.transforms:
             pose = pose_of(found.transform)
             if math.isfinite(sum(pose)):
@@ -123,7 +127,10 @@ class CostPublisher:
         self.on_transforms(message)
 
     def _look_at_corner(self, pose: Pose) -> None:
-        """See whether the far corner of the grids that were sent has moved in the frame above it."""
+        """Note whether the far corner of the grids that were sent has moved by over half a cell.
+
+        pose: that of the grids' frame in the frame above it.
+        """
         info = self._sent[0].info
         corner = pose.place(
             info.origin.position.x + info.width * info.resolution,
@@ -135,14 +142,14 @@ class CostPublisher:
             self._corrected = True
 
     def clear(self) -> None:
-        """Forget the ground, since the soil is another one or time went back."""
+        """Forget all costs, since the soil starts over or time went back."""
         self._ground.clear()
         self._stamp = 0
 
     def publish(self, now: int) -> None:
         """Publish the grids if they have changed; unchanged ones again after 5 s or a correction by tf.
 
-        Before any measurement their stamp is `now`, ns.
+        now: present time of the node's clock, ns; the grids' stamp before any measurement.
         """
         again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
         grids = self.map.grids() if self.map.changed else None
@@ -152,7 +159,7 @@ class CostPublisher:
             self._send(self._sent)
 
     def empty(self) -> None:
-        """Publish unknown grids before the topics go: Nav2 would keep the last ones."""
+        """Publish grids of unknown cells before the publishers end: Nav2 would keep the last ones."""
         if not self._sent or not rclpy.ok():
             return
         for publisher, message in zip(self._publishers, self._sent, strict=True):

@@ -33,18 +33,18 @@ _LEVELS = {
 def status(
     name: str, level: bytes, message: str, values: Mapping[str, str] | None = None
 ) -> DiagnosticStatus:
-    """Return one entry of the diagnostics.
+    """Make one entry of the diagnostics.
 
     Parameters
     ----------
     name
-        What the entry is about.
+        Name of the entry, without the node's name.
     level
-        OK, WARN, ERROR or STALE.
+        OK, WARN or ERROR.
     message
         The state in words.
     values
-        Details by key, in words.
+        Details in words, by key; None: none.
     """
     return DiagnosticStatus(
         name=name,
@@ -56,21 +56,26 @@ def status(
 
 
 def entries(pipeline: Pipeline, newest: Estimates, cost: CostPublisher) -> list[DiagnosticStatus]:
-    """Return the diagnostics of an active node, except those of its inputs.
+    """Make the diagnostics of an active node, except the entry of its inputs.
 
     Parameters
     ----------
     pipeline
         The node's pipeline.
     newest
-        The newest row of each wheel.
+        The newest estimate of each wheel.
     cost
-        The cost map's publisher.
+        Publisher of the cost map.
+
+    Returns
+    -------
+    list of DiagnosticStatus
+        The entries soil, filter, sensors, alarms, cost and vehicle, and one for each wheel in `newest`.
     """
     said = statements(pipeline, newest)
 
     def of(entry: str, plain: str, values: Mapping[str, str]) -> DiagnosticStatus:
-        """An entry with all that is reported of it; plain: where nothing is."""
+        """Make an entry of all statements that belong to it; `plain` is its text where there are none."""
         mine = [statement for statement in said if statement.entry == entry]
         level = ERROR if any(s.is_error for s in mine) else WARN if mine else OK
         text = "; ".join(statement.text for statement in mine) or plain
@@ -90,7 +95,7 @@ def entries(pipeline: Pipeline, newest: Estimates, cost: CostPublisher) -> list[
 
 
 def _soil(pipeline: Pipeline) -> DiagnosticStatus:
-    """The soil in numbers, and of each what the measurements have determined, in words."""
+    """Entry of the soil: numbers, and in words what the measurements have determined."""
     soil = pipeline.soil
     pressure, deviation = soil.reference_pressure, soil.reference_pressure_std
     spread = soil.covariance.diagonal() ** 0.5
@@ -111,19 +116,20 @@ def _soil(pipeline: Pipeline) -> DiagnosticStatus:
 
 
 def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> dict[str, str]:
-    """The measured strength, and what is not determined of it, in words.
+    """Describe the measured strength, and what of it is not determined.
 
     Parameters
     ----------
     estimate
         The strength, SI units and radians.
     lacking
-        For each source that is not in use, what it needs and what it would add, in words.
+        What each source of strength that is not in use needs, and what it would add, in words, by source.
 
     Returns
     -------
     dict
-        Words by key.
+        Values of the soil's entry in the diagnostics by key: numbers with their standard deviations (Pa,
+        rad, m; only once something was measured), and words.
     """
     values = {
         "strength": "; ".join(estimate.status) or "determined",
@@ -143,7 +149,7 @@ def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> d
 
 
 def _filter(pipeline: Pipeline) -> tuple[str, dict[str, str]]:
-    """Text and values of whether the filter's innovations are what it expects them to be."""
+    """Text and values of the entry of the soil's filter: whether its innovations are as it expects."""
     health = pipeline.health
     mean = health.mean_square
     values = {
@@ -157,7 +163,7 @@ def _filter(pipeline: Pipeline) -> tuple[str, dict[str, str]]:
 
 
 def _alarms(pipeline: Pipeline, newest: Estimates) -> dict[str, str]:
-    """What the alarms rest on."""
+    """Values of the entry of alarms: what these are based on."""
     missing, risk = pipeline.missing_effect, pipeline.risk
     wheels = pipeline.settings.wheels
     digging = [wheels[number].name for number in newest.wheel[newest.digging_in].tolist()]
@@ -174,7 +180,7 @@ def _alarms(pipeline: Pipeline, newest: Estimates) -> dict[str, str]:
 
 
 def _cost(cost: CostPublisher) -> DiagnosticStatus:
-    """What the cost map rests on."""
+    """Entry of the cost map: what it is based on."""
     places = cost.map.ahead.classes.places()
     values = {
         "grids published": str(cost.published),
@@ -191,7 +197,7 @@ def _cost(cost: CostPublisher) -> DiagnosticStatus:
 
 
 def _vehicle(pipeline: Pipeline, newest: Estimates) -> tuple[str, dict[str, str]]:
-    """Text and values of all wheels together, by their newest estimates."""
+    """Text and values of the entry of the vehicle, by the newest estimates of its wheels."""
     margin = vehicle_margin(newest)
     if margin is None:
         return "nothing known of any wheel yet", {}
@@ -209,7 +215,7 @@ def _vehicle(pipeline: Pipeline, newest: Estimates) -> tuple[str, dict[str, str]
 
 
 def _wheels(pipeline: Pipeline, newest: Estimates) -> Iterator[DiagnosticStatus]:
-    """How each wheel does."""
+    """One entry for each wheel, by its newest estimate."""
     columns = {
         "load [N]": (newest.load, newest.load_std),
         "slip": (newest.slip, newest.slip_std),

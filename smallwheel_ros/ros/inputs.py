@@ -56,7 +56,7 @@ _MEASURED = {
 
 @dataclass
 class _Listened:
-    """By which topic a stream comes: messages until now, and when the newest came."""
+    """Topic and type that a stream is read from, messages counted so far, and arrival of the newest one."""
 
     topic: str
     type: str
@@ -66,29 +66,39 @@ class _Listened:
 
 
 class _ReadAtTurns(CallbackGroup):  # type: ignore[misc]  # rclpy has no types
-    """Of subscriptions that a turn reads: the executor never wakes for one of their messages.
+    """Callback group of subscriptions that a turn reads: the executor never wakes for their messages.
 
-    A message costs the executor ten times what it costs to be taken: at 2,800 a second, 0.3 of a processor.
+    Serving a message by the executor costs ten times as much as taking it: at 2,800 a second, 0.3 of a
+    processor.
     """
 
     def can_execute(self, entity: object) -> bool:
-        """Never by the executor."""
+        """Return False: the executor does not serve these subscriptions."""
         return False
 
     def beginning_execution(self, entity: object) -> bool:
-        """Never by the executor."""
+        """Return False: the executor does not serve these subscriptions."""
         return False
 
     def ending_execution(self, entity: object) -> None:
-        """There is nothing to end."""
+        """Do nothing, as nothing was begun."""
 
 
 def _never(_: bytes) -> None:
-    """Of a subscription that the executor does not serve."""
+    """Callback of a subscription that the executor does not serve; it is never called."""
 
 
 class Inputs:
     """A node's subscriptions and their state.
+
+    Parameters
+    ----------
+    node
+        The node.
+    settings
+        Its settings.
+    pipeline
+        Its pipeline, to whose streams messages are given.
 
     Attributes
     ----------
@@ -126,18 +136,18 @@ class Inputs:
         take_static: Callable[[Any], None],
         take_elevation: Callable[[Any], None],
     ) -> None:
-        """Subscribe to all topics, or to none if one subscription fails.
+        """Subscribe to all topics; if one subscription fails, cancel the others and raise its error.
 
         Parameters
         ----------
         take_classes
-            Called with a grid of terrain classes.
+            Called with each grid of terrain classes, if a topic for them is configured.
         take_transforms
-            Called with the messages of /tf and tf, where tf2_msgs is installed.
+            Called with each message of /tf and tf, if tf2_msgs is installed.
         take_static
-            Called with those of /tf_static and tf_static.
+            Called with each message of /tf_static and tf_static, if tf2_msgs is installed.
         take_elevation
-            Called with an elevation map, where such a topic is configured.
+            Called with each elevation map, if a topic for them is configured.
         """
         self.arrived = time.monotonic()
 
@@ -148,6 +158,7 @@ class Inputs:
             profile: QoSProfile = INPUT,
             **how: Any,
         ) -> None:
+            """Subscribe to a topic; `to` is called with its messages, `how` goes to create_subscription."""
             self._subscriptions.append(
                 self._node.create_subscription(
                     kind, topic, to, profile, event_callbacks=NO_SUBSCRIPTION_EVENTS, **how
@@ -185,10 +196,14 @@ class Inputs:
         self._subscriptions, self._raw = [], {}
 
     def take(self) -> bool:
-        """Decode what has arrived since the last turn, and give it to the streams; return whether any has.
+        """Decode the messages that have arrived since the last turn, and add them to the streams.
 
-        Messages are processed in the order of arrival, but a simulated clock first, as it would be late
-        otherwise.
+        They are processed in the order of arrival, after those of a simulated clock.
+
+        Returns
+        -------
+        bool
+            Whether there were any.
         """
         for clock in (s for s in self._node.subscriptions if s.topic_name == "/clock"):
             for message, _ in _queued(clock, raw=False):
@@ -206,14 +221,14 @@ class Inputs:
         return bool(chunk)
 
     def frame(self, topic: str) -> str:
-        """Frame of the newest message of a topic; empty before the first."""
+        """Return the frame_id of the newest message of a topic; empty before the first."""
         raw = self._newest.get(self._node.resolve_topic_name(topic))
         return "" if raw is None else frame_of(raw)
 
-    # --- What to say of them
+    # --- Log and diagnostics
 
     def log(self, problems: Iterable[Refusal]) -> None:
-        """Log problems by topic, each kind once in 10 s; one that two streams of a topic share, once."""
+        """Log problems by topic, each reason at most once in 10 s for a stream, and the same line once."""
         shared = set()
         for problem in problems:
             key, now = (problem.stream, problem.reason), time.monotonic()
@@ -247,12 +262,12 @@ class Inputs:
         self._node.get_logger().info(f"all {len(self._listened)} inputs are here: {words}")
 
     def _is_here(self, stream: str) -> bool:
-        """Whether something usable of a stream has come: a load that does not press is kept, but none."""
+        """Whether a stream has a usable row; loads of 0 or less are kept, but not usable."""
         kept = self._pipeline.streams.all[stream]
         return kept.newest > 0 and (kept.kind != "load" or bool((kept.values > 0.0).any()))
 
     def _newest_stamp(self, stream: str) -> int | None:
-        """Newest stamp (ns) of what was kept of a stream; None where there is none."""
+        """Newest stamp (ns) of the rows that were kept of a stream; None if there are none."""
         newest = self._pipeline.streams.all[stream].newest
         return newest if newest > 0 else None
 
@@ -270,7 +285,7 @@ class Inputs:
             self._node.get_logger().warning(f"still waiting for {', '.join(topics)} {why}")
 
     def _missing(self) -> list[tuple[str, str]]:
-        """Topics that have not given what is needed of them yet, and of each the type and why."""
+        """Topics from which nothing has been received yet, each with its type and the reason in words."""
         missing: dict[tuple[str, str], str] = {}
         for name, stream in self._listened.items():
             if self._received(name) == 0:
@@ -300,9 +315,9 @@ class Inputs:
         return f"{count} publisher{'s' if count > 1 else ''}, nothing received yet"
 
     def status(self, longest: float) -> DiagnosticStatus:
-        """Rates and ages of the inputs, what is missing, and what could not be used, by reason.
+        """Make the entry of the inputs in the diagnostics: rates, ages, and what is missing or was not used.
 
-        Rates are those since the last call, and so is the longest turn, s.
+        Rates are means since the last call. longest: duration of the longest turn since then, s.
         """
         settings, now = self._pipeline.settings, time.monotonic()
         elapsed, self._measured_at = max(now - self._measured_at, 1e-6), now
@@ -342,26 +357,30 @@ class Inputs:
 
 
 def _queued(subscription: Subscription, *, raw: bool) -> Iterator[tuple[Any, Mapping[str, int]]]:
-    """Messages that wait for a subscription, each with what the middleware reports of it."""
+    """Take the messages that wait for a subscription, each with the middleware's information about it.
+
+    raw: whether messages stay serialised.
+    """
     with subscription.handle:
         while taken := subscription.handle.take_message(subscription.msg_type, raw):
             yield taken
 
 
 def part_of_message(stream: str, settings: NodeSettings) -> str:
-    """Words for the part of a message that a stream is read from, to stand after its topic's name.
+    """Name the part of a message that a stream is read from.
 
     Parameters
     ----------
     stream
-        Name of the stream, WHEEL/KIND.
+        Name of the stream, such as `<wheel>/load` or `odom`.
     settings
         The node's settings.
 
     Returns
     -------
     str
-        As ", effort of joint wheel_fl"; empty where the whole message is used.
+        Words to follow the topic's name, such as ", effort of joint wheel_fl"; empty where the topic's name
+        says enough.
     """
     wheel, _, kind = stream.rpartition("/")
     own = settings.inputs.get(wheel)
@@ -381,7 +400,10 @@ def part_of_message(stream: str, settings: NodeSettings) -> str:
 
 
 def input_lines(topics: Mapping[str, Topic]) -> list[str]:
-    """The expected inputs: a line for each group of topics, by full names, that measure the same."""
+    """Describe the expected inputs in lines for the log, one for all topics that measure the same.
+
+    topics: by full name.
+    """
     groups: dict[tuple[str, str], list[str]] = {}
     for resolved, topic in topics.items():
         measured = (stream.rpartition("/")[2] for stream in topic.streams)
@@ -393,14 +415,14 @@ def input_lines(topics: Mapping[str, Topic]) -> list[str]:
 
 
 def estimates(settings: OnboardSettings, undeterminable: Sequence[str]) -> str:
-    """Say what is estimated, and for which wheels, once all inputs have arrived.
+    """Describe in words what is estimated, and for which wheels, given that all inputs have arrived.
 
     Parameters
     ----------
     settings
         The pipeline's settings.
     undeterminable
-        What these wheels cannot determine about the soil, in words.
+        Sentences about what these wheels cannot determine of the soil; only whether there are any matters.
     """
     if len(settings.without_sinkage) == len(settings.wheels):
         law = "nothing of the soil's law (no sinkage is measured)"

@@ -55,7 +55,7 @@ _Transition = Callable[[Any, LifecycleState], TransitionCallbackReturn]
 
 
 def _says_why(transition: _Transition) -> _Transition:
-    """Log what a transition raises, which rclpy swallows: on_error is next."""
+    """Decorate a transition so that it logs an exception, which rclpy would hide, and ends in on_error."""
 
     @wraps(transition)
     def guarded(self: Any, state: LifecycleState) -> TransitionCallbackReturn:
@@ -70,7 +70,20 @@ def _says_why(transition: _Transition) -> _Transition:
 
 
 class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
-    """Wheel loads, odometry, wheel speeds and measured sinkage in; soil and mobility out."""
+    """The lifecycle node: wheel loads, odometry, wheel speeds and sinkages in; soil and mobility out.
+
+    Parameters
+    ----------
+    options
+        Passed on to rclpy's LifecycleNode.
+
+    Attributes
+    ----------
+    problem
+        Why the node could not be configured, or a transition failed, in words; empty if nothing failed.
+    description
+        Listens to the robot description.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
@@ -182,7 +195,10 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             return response
 
     def _configure_anew(self, changes: str) -> None:
-        """Use the robot description that came after the configuration."""
+        """Configure the node again if it is configured, as the robot description has changed parameters.
+
+        changes: names and values in words.
+        """
         if self._session is None:
             return
         self.get_logger().info(f"configured anew, the soil starts over: {changes}")
@@ -194,7 +210,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     # --- Services
 
     def _serve(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Answer a service, where it raises too: a client is not left waiting."""
+        """Answer a service, also if its work raises, so that no client is left waiting."""
         work, lacking = _SERVICES[name]
         try:
             if self._session is None:
@@ -239,7 +255,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
 
 def namesakes(node: LifecycleNode) -> str:
-    """Say that other nodes have the same name, and what to do; empty if there are none."""
+    """Return a warning in words if other nodes have the same name; empty if there are none."""
     own = (node.get_name(), node.get_namespace())
     if node.get_node_names_and_namespaces().count(own) < 2:
         return ""
@@ -253,9 +269,9 @@ def namesakes(node: LifecycleNode) -> str:
 def _spin(
     node: MobilityEstimator, executor: SingleThreadedExecutor, goes_on: Callable[[], object]
 ) -> None:
-    """Let the node work as long as ROS does and goes_on says.
+    """Let the node work as long as ROS runs and `goes_on` returns true.
 
-    A defect in a callback is loud and ends nothing.
+    An exception in a callback is logged, and the node works on.
     """
     while rclpy.ok() and goes_on():
         try:
@@ -267,9 +283,10 @@ def _spin(
 
 
 class _Gently:
-    """What SIGINT does: ROS ends, and what the node is in the middle of comes to its end and is saved.
+    """Handler of SIGINT: the work in hand is finished and saved; a signal over 2 s later interrupts it.
 
-    A launch file passes on the signal that the whole group has had, so a second one at once is the same one.
+    A launch file passes on a signal that the whole process group has had already, so a second one soon after
+    the first counts as the same.
     """
 
     def __init__(self) -> None:
@@ -283,7 +300,18 @@ class _Gently:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; return the exit code: 0 ended as asked, 2 wrong parameters or arguments."""
+    """Run the node until it is told to end.
+
+    Parameters
+    ----------
+    arguments
+        Command line, with ROS arguments after `--ros-args`; None: that of the process.
+
+    Returns
+    -------
+    int
+        Exit code: 0 if it ended as requested, 2 for wrong parameters or arguments.
+    """
     signal.signal(signal.SIGINT, _Gently())  # before rclpy's own, which calls it
     try:
         rclpy.init(args=None if arguments is None else list(arguments))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that the node publishes of a turn, each at its rate, and the contents of its messages."""
+"""The node's publishers: contents of their messages, and the rate of each."""
 
 from __future__ import annotations
 
@@ -63,16 +63,22 @@ _EXAGGERATION = 10.0  # sinkages are small beside a vehicle
 
 
 def markers(newest: Estimates, wheels: Sequence[Wheel], frame: str) -> MarkerArray:
-    """Make markers: a column under each wheel, ten times as high as its sinkage, with the sinkage as text.
+    """Make markers for viewers: a column under each wheel, ten times as high as its sinkage, and text above.
 
     Parameters
     ----------
     newest
-        A row of each wheel; those without a position have no marker.
+        The newest estimate of each wheel; those without a position or a sinkage have no markers.
     wheels
-        All wheels, by number; the number is the marker's id.
+        All wheels, in the order of their numbers; the number is the markers' id.
     frame
         Frame of the odometry.
+
+    Returns
+    -------
+    MarkerArray
+        Two markers for each wheel: a cylinder, coloured by the margin, and text with name, sinkage and
+        steepest slope.
     """
     array = MarkerArray()
     for i in range(len(newest)):
@@ -131,9 +137,9 @@ class Outputs:
     Attributes
     ----------
     newest
-        The newest row of each wheel.
+        The newest estimate of each wheel, in the order of their numbers; empty before the first.
     cost
-        The cost map's publisher.
+        Publisher of the cost map.
     """
 
     def __init__(
@@ -166,11 +172,11 @@ class Outputs:
         self._publishers = {}
 
     def report_deaf_subscribers(self) -> None:
-        """Report, once each, subscribers whose requested QoS is not offered, so that they get no message."""
+        """Report subscribers that get no message, since they request QoS that is not offered; each once."""
         deaf: dict[tuple[str, bytes], int] = {}
         for publisher in self._publishers.values():
             topic = publisher.topic_name
-            # As DDS has it: the publisher's own profile has 0 where DDS says infinite.
+            # The profile in DDS: that of the publisher itself has 0 instead of infinite.
             offers = [i.qos_profile for i in self._node.get_publishers_info_by_topic(topic)]
             for info in self._node.get_subscriptions_info_by_topic(topic) if offers else ():
                 fits, why = qos_check_compatible(offers[0], info.qos_profile)
@@ -193,12 +199,12 @@ class Outputs:
         self._soil_sent = self._soil_waits = None
 
     def publish(self, turn: Turn, frame: str) -> None:
-        """Publish the results of a turn, and keep those that are published at rates of their own.
+        """Publish the results of a turn, and keep those that are published at lower rates.
 
         Parameters
         ----------
         turn
-            A turn of the pipeline.
+            Results of a turn of the pipeline.
         frame
             Frame of the odometry.
         """
@@ -238,7 +244,7 @@ class Outputs:
             self._publishers["~/vehicle"].publish(message)
 
     def report_waiting_for_what_went(self) -> None:
-        """Tell subscribers of the old topic of all wheels, once, which topics replace it."""
+        """Log once which topics replace ~/mobility, which no longer exists, if it has subscribers."""
         if self._told_what_went or not self._node.count_subscribers(BEFORE):
             return
         self._told_what_went = True
@@ -253,7 +259,7 @@ class Outputs:
         )
 
     def _count_lonely(self, found: Estimates) -> None:
-        """Count the rows for which there was no load."""
+        """Count the estimates for which there was no load as problems of their streams."""
         lonely = found.status == Status.LOAD_MISSING
         kinds = np.where(np.isnan(found.sinkage_measured[lonely]), "load", "sinkage").tolist()
         wheels = found.wheel[lonely].tolist()
@@ -273,14 +279,17 @@ class Outputs:
             self._publishers["~/twist"].publish(message)
 
     def publish_waiting_soil(self, frame: str) -> None:
-        """Publish the newest soil unless it has been already."""
+        """Publish the newest soil, unless it has been published already. frame: of the odometry."""
         if self._soil_waits is not None:
             stamp, soil, rejected = self._soil_waits
             self._soil_sent, self._soil_waits = stamp, None
             self._publish_soil(soil, rejected, stamp, frame)
 
     def publish_soil(self, frame: str) -> None:
-        """Publish the present soil, stamped with the clock, before a measurement."""
+        """Publish the present soil, stamped with the clock, without a new measurement.
+
+        frame: of the odometry.
+        """
         now = self._node.get_clock().now().nanoseconds
         self._publish_soil(self._pipeline.soil, self._pipeline.rejected, now, frame)
 
@@ -293,7 +302,7 @@ class Outputs:
         self.cost.publish(self._node.get_clock().now().nanoseconds)
 
     def publish_speed_limit(self) -> None:
-        """Publish the speed limit, if a topic is configured for it: Nav2 uses the last publisher's."""
+        """Publish the speed limit, if a topic is configured for it; report any other publisher there."""
         topic, kind = self._settings.speed_limit_topic, message_class(SPEED_LIMIT)
         if not topic or kind is None:
             return
@@ -306,7 +315,7 @@ class Outputs:
             self._report(topic, "two_publishers", text)
 
     def publish_markers(self, frame: str) -> None:
-        """Publish the markers if there is a subscriber."""
+        """Publish the markers if there is a subscriber. frame: of the odometry."""
         publisher = self._publishers["~/markers"]
         if len(self.newest) and publisher.get_subscription_count():
             publisher.publish(markers(self.newest, self._settings.onboard.wheels, frame))
@@ -319,7 +328,7 @@ class Outputs:
 
 
 def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
-    """Types and QoS of what is published, by name."""
+    """Return type and QoS of each topic that the node publishes, by the topic's name before remapping."""
     wheels = {mobility_topic(name): (MobilityEstimate, ESTIMATE) for name in settings.inputs}
     topic = settings.speed_limit_topic
     limit = {topic: (message_class(SPEED_LIMIT), ESTIMATE)} if topic else {}
@@ -327,25 +336,30 @@ def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
 
 
 def mobility_topic(wheel: str) -> str:
-    """Topic of a wheel's estimates."""
+    """Return the topic of a wheel's estimates, given the wheel's name."""
     return f"~/{wheel}/mobility"
 
 
 def _fields_of(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Fields of each message."""
+    """Turn columns into one dictionary of fields for each row."""
     values = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
     return (dict(zip(columns, row, strict=True)) for row in values)
 
 
 def newest_of(before: Estimates, found: Estimates) -> Estimates:
-    """Find the newest row of each wheel, in the order of the wheels' numbers.
+    """Find the newest estimate of each wheel.
 
     Parameters
     ----------
     before
-        Newest rows so far.
+        Newest estimates so far.
     found
-        Newer rows.
+        Later estimates, in order of stamps.
+
+    Returns
+    -------
+    Estimates
+        One row for each wheel in either, in the order of the wheels' numbers.
     """
     every = Estimates.joined([before, found])
     _, last = np.unique(every.wheel[::-1], return_index=True)

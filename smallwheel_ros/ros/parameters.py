@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters from one table: declared with descriptors, checked, never silently ignored.
 
-They are read when the node is configured. None can be set while it is active, so that the estimate
-always uses what the log of the configuration says. Parameters that are not given are taken from the
+They are read when the node is configured. None can be set while it is active, so that the estimate always
+uses the values that were logged at the configuration. Parameters that are not given are taken from the
 robot's description.
 """
 
@@ -50,9 +50,9 @@ _WIDTH = 148  # characters of a line of the log: of 200, less what ROS puts befo
 
 
 def parameter_lines(changed: Mapping[str, object]) -> list[str]:
-    """The parameters that are not at their defaults, by name, in lines of at most 148 characters.
+    """Return the log's lines about parameters that are not at their defaults, of at most 148 characters.
 
-    A single word that is longer (a path) stays whole.
+    A single longer word, such as a path, stays whole. changed: values by the parameter's full name.
     """
     words = ", ".join(f"{name}={value}" for name, value in changed.items())
     return textwrap.wrap(
@@ -76,16 +76,16 @@ class NodeParameters:
     node
         The node.
     is_active
-        Returns whether the node uses the parameters now, so that none can be set.
+        Returns whether the node is active, so that no parameter can be set now.
     filled
-        Called, with names and values in words, when parameters that were not given get another value.
+        Called, with names and values in words, when `fill` has changed parameters that were not given.
 
     Attributes
     ----------
     unknown
-        A sentence for each given parameter that is unknown.
+        A sentence for each given parameter that does not exist.
     problems
-        By its name, a sentence for each parameter with an impossible value.
+        A sentence for each parameter with an impossible value, by the parameter's full name.
     """
 
     def __init__(
@@ -116,19 +116,30 @@ class NodeParameters:
         node.add_on_set_parameters_callback(self._judge)
 
     def values(self) -> dict[str, object]:
-        """The value of each known parameter; None where there is none."""
+        """Return the value of each known parameter by full name; None if it has none."""
         return {name: _plain(self._node.get_parameter_or(name).value) for name in self._table}
 
     def changed(self) -> dict[str, object]:
-        """The value of each known parameter that is not at its default."""
+        """Return the value of each known parameter that is not at its default, by full name."""
         return {name: v for name, v in self.values().items() if v != self._table[name].default}
 
     def given(self) -> dict[str, object]:
-        """The value of each parameter that was given."""
+        """Return the value of each parameter that the user has given, by full name."""
         return {name: value for name, value in self.values().items() if name in self._given}
 
     def fill(self, values: Mapping[str, Value]) -> str:
-        """Set parameters that were not given; return why that is impossible, or an empty text."""
+        """Set parameters that the user has not given; those that are given keep their values.
+
+        Parameters
+        ----------
+        values
+            Values by full name of the parameter.
+
+        Returns
+        -------
+        str
+            Why that is impossible, in words; empty if it was done.
+        """
         silent = silent_parameters(self.given())
         self._described = {name: value for name, value in values.items() if name in silent}
         changes = [
@@ -149,7 +160,7 @@ class NodeParameters:
         return ""
 
     def read(self) -> NodeSettings:
-        """The settings that the parameters give; models and effects are read from their files.
+        """Turn the parameters into settings; models and effects are read from their files.
 
         Raises
         ------
@@ -175,7 +186,7 @@ class NodeParameters:
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
     def _taken(self, changes: Sequence[RosParameter]) -> list[RosParameter]:
-        """Integers where doubles are meant, as doubles."""
+        """Convert integers to doubles where a parameter is a double."""
         return [
             RosParameter(change.name, value=self._table[change.name].taken(change.value))
             if change.name in self._table and type(change.value) is int
@@ -195,7 +206,7 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
     def _problem(self, name: str, value: object) -> str | None:
-        """Why a parameter cannot be set to a value now; None: it can."""
+        """Reason in words why a parameter cannot be set to a value now; None if it can."""
         active, parameter = self._is_active(), self._table.get(name)
         if parameter is None:
             return None
@@ -218,7 +229,7 @@ def _descriptor(parameter: NodeParameter) -> ParameterDescriptor:
         name=parameter.name,
         description=f"{parameter.description}{unit}",
         read_only=parameter.at_start,
-        # Of another type rclpy says neither which parameter it is nor what to write: we do.
+        # For a value of another type rclpy names neither the parameter nor what to write: we do.
         dynamic_typing=True,
     )
     if parameter.choices:
@@ -234,13 +245,20 @@ def _descriptor(parameter: NodeParameter) -> ParameterDescriptor:
     return descriptor
 
 
-# --- What others say of the robot
+# --- The robot description
 
 
 class RobotDescription:
     """Listens to the robot description, and passes its values to the parameters.
 
     It does not listen if every parameter that a description can fill is given.
+
+    Parameters
+    ----------
+    node
+        The node.
+    table
+        The parameters of the node.
 
     Attributes
     ----------
@@ -296,19 +314,19 @@ class RobotDescription:
 
 
 def velocity_elsewhere(base: str, frame: str) -> list[str]:
-    """Warn if the newest message of `velocity_topic` is not in the base frame.
+    """Warn if the messages of `velocity_topic` are not in the base frame.
 
     Parameters
     ----------
     base
-        The vehicle's base frame.
+        Name of the base frame.
     frame
-        Frame of the message; empty is the base frame.
+        frame_id of the newest message; empty counts as the base frame.
 
     Returns
     -------
     list of str
-        At most one sentence.
+        One sentence, or none if the frame is right.
     """
     if frame in ("", base):
         return []
@@ -317,11 +335,11 @@ def velocity_elsewhere(base: str, frame: str) -> list[str]:
 
 # --- Quality of service
 
-# Waiting for events costs time at every turn, and the diagnostics find the same out once a second.
+# Waiting for events costs time at every turn, and the diagnostics show the same once a second.
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
-# Deep enough for a second at 200 Hz in which the processor is busy with something else: what does not
-# fit is lost without notice. That goes for reliable topics too.
+# Deep enough for a second at 200 Hz in which the processor is busy with something else: messages that do not
+# fit are lost without notice, also those of reliable topics.
 _DEEP = 200
 # Matches reliable and best-effort publishers alike.
 INPUT = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -332,9 +350,9 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-# Of what is large and of which only the newest counts.
+# For large messages of which only the newest counts.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-# Of each publisher of transforms that never change the newest, as tf2 listens.
+# The newest message of each publisher of static transforms, as tf2 subscribes.
 STATIC_TRANSFORMS = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,

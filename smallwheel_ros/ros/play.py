@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Play a bag over DDS into the running node, no faster than it answers, and record its answers.
 
-The node subscribes with best effort, so nothing in DDS slows a fast player down: this one waits
-while the node's estimates are far behind, and no message is lost. `ros2 bag play` can do more,
-where it is installed.
+The node subscribes with best effort, so that DDS does not slow down a fast player: this one waits while the
+node's estimates lag far behind, so that no message is lost. `ros2 bag play` can do more, where it is
+installed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ _PATIENCE = (
     120.0  # s without an answer: Python and ROS may take half of it to start on a busy machine
 )
 _LAST = 6.0  # s without an answer at the end: a sinkage that the node refused gets none
-# ns: longer than the node waits for a stream that is silent, and fewer messages than its queues hold.
+# ns of recorded time that the node may lag: longer than it waits for a silent stream, and with fewer messages
+# than its queues hold.
 _FURTHEST_BEHIND = 18 * 10**8
 _CLOCK_PERIOD = 10**7  # ns
 _MUTUAL = 0.5  # s: a listener that is known here may need a moment to know of us
@@ -53,22 +54,32 @@ class PlayError(SmallwheelError):
 
 @dataclass
 class PlayedRecording:
-    """What the node published: rows of fields with `stamp` (ns) and `frame_id`, and messages.
+    """What the node published while a bag was played.
+
+    Rows are dictionaries of a message's fields by name, with `stamp` (ns) and `frame_id` of its header.
 
     Attributes
     ----------
     mobility
-        Estimates of all wheels, sorted by stamp at the end.
-    vehicle
-        Estimates of the vehicle.
+        Rows of MobilityEstimate of all wheels, at the end sorted by stamp and wheel.
+    vehicle, soil
+        Rows of VehicleMobility and of SoilEstimate, in the order of arrival.
     warnings
-        Stamp of the newest estimate, and text, for each alarm in the diagnostics.
+        Text of each alarm in each message of diagnostics, with the stamp (ns) of the newest estimate then.
     cost
-        The newest grid.
+        The newest grid of costs; None before the first.
+    published
+        Number of messages played.
+    sinkages
+        Number of sinkages played.
     sent
-        Time at which each sinkage was played, s, by its stamp.
+        Time at which each unanswered sinkage was played, by time.monotonic(), s, by its stamp (ns).
     latencies
-        Time from each sinkage to its answer, s.
+        Time from each sinkage to its estimate, s.
+    diagnostics
+        The newest text of each entry of the diagnostics, by its name.
+    diagnosed
+        Number of messages of diagnostics.
     """
 
     mobility: list[dict[str, Any]] = field(default_factory=list)
@@ -90,22 +101,22 @@ class PlayedRecording:
         return self.sinkages - len(self.mobility)
 
     def on_mobility(self, message: Any) -> None:
-        """Record an estimate."""
+        """Record a MobilityEstimate, and its latency."""
         self.mobility.append(_row(message))
         sent = self.sent.pop(self.mobility[-1]["stamp"], None)
         if sent is not None:
             self.latencies.append(time.monotonic() - sent)
 
     def on_vehicle(self, message: Any) -> None:
-        """Record a message of the vehicle."""
+        """Record a VehicleMobility."""
         self.vehicle.append(_row(message))
 
     def on_soil(self, message: Any) -> None:
-        """Record a soil."""
+        """Record a SoilEstimate."""
         self.soil.append(_row(message))
 
     def on_diagnostics(self, message: Any) -> None:
-        """Record the alarms."""
+        """Record the text of each entry, and the alarms."""
         self.diagnosed += 1
         self.diagnostics |= {status.name: status.message for status in message.status}
         newest = self.mobility[-1]["stamp"] if self.mobility else 0
@@ -123,16 +134,21 @@ class PlayedRecording:
 def drive_through(
     bag: Path | str, *, rate: float = 1.0, alive: Callable[[], str | None] = lambda: None
 ) -> PlayedRecording:
-    """Play a bag into the node and return its answers.
+    """Play a bag into the running node, and record what it publishes until it has answered everything.
 
     Parameters
     ----------
     bag
-        The bag.
+        Path of the bag.
     rate
-        Largest factor on the recorded speed.
+        Largest factor on the recorded speed, 1; play is slower where the node does not keep up.
     alive
-        Returns why the node has ended; None while it runs.
+        Returns how the node has ended, in words, or None while it runs.
+
+    Returns
+    -------
+    PlayedRecording
+        What the node published.
 
     Raises
     ------
@@ -148,7 +164,7 @@ def drive_through(
 
 
 class _Player:
-    """A node of its own that publishes a bag, and keeps what the estimator publishes."""
+    """A ROS node that publishes a bag, and records in `found` what the estimator publishes."""
 
     def __init__(self, bag: Path, alive: Callable[[], str | None]) -> None:
         self._bag, self._alive, self.found = bag, alive, PlayedRecording()
@@ -183,7 +199,10 @@ class _Player:
         self._stack.close()
 
     def play_and_listen(self, rate: float) -> PlayedRecording:
-        """Play everything; wait for the node before it, for its answers meanwhile and after it."""
+        """Wait for the node, play the whole bag no faster than it answers, and wait for its last answers.
+
+        rate: largest factor on the recorded speed.
+        """
         found, node = self.found, self._node
         for kind, topic, callback, quality in (
             (VehicleMobility, "vehicle", found.on_vehicle, _RELIABLE),
@@ -206,7 +225,7 @@ class _Player:
         return found
 
     def _of_wheels(self) -> list[str]:
-        """The node's topics of wheels."""
+        """Topics on which the estimator publishes estimates of wheels."""
         own = (
             self._node.get_publisher_names_and_types_by_node(NODE_NAME, "/") if self._known else []
         )
@@ -217,7 +236,10 @@ class _Player:
         return NODE_NAME in self._node.get_node_names()
 
     def _hold_back(self, now: int) -> None:
-        """Wait while the node lags; once for a message that it does not answer. now: log time, ns."""
+        """Wait while the node lags too far behind a recording time (`now`, ns).
+
+        If a wait is in vain there is no other until the node has answered again.
+        """
         found = self.found
 
         def follows() -> bool:
@@ -232,20 +254,33 @@ class _Player:
 
     @property
     def topics(self) -> list[str]:
-        """What is published."""
+        """Names of the topics that are published."""
         return list(self._publishers)
 
     @property
     def hole(self) -> str:
-        """How a hole of years in the times of recording was bridged, in words."""
+        """How a gap of years in the recording times was bridged, in words; empty if there is none."""
         return self._reader.hole
 
     def heard(self, *names: str) -> bool:
-        """Whether somebody listens to each of these topics."""
+        """Return whether each of these topics has a subscriber."""
         return all(self._publishers[name].get_subscription_count() for name in names)
 
     def play(self, rate: float, hold_back: Callable[[int], object] = lambda _: None) -> int:
-        """Publish everything at its time; return how many messages. hold_back: may take its time."""
+        """Publish all messages of the bag at their times.
+
+        Parameters
+        ----------
+        rate
+            Largest factor on the recorded speed, 1.
+        hold_back
+            Called before each message with its recording time, ns; it returns when the message may be sent.
+
+        Returns
+        -------
+        int
+            Number of messages published.
+        """
         self.spin_until(time.monotonic() + _MUTUAL)
         begin, clock, started = self._reader.start_time or 0, 0, time.monotonic()
         for raw in self._reader.raw_messages(list(self._publishers)):
@@ -270,12 +305,16 @@ class _Player:
         return self.found.published
 
     def spin_until(self, due: float) -> None:
-        """Let callbacks run until then (time.monotonic())."""
+        """Let callbacks run until a time (by time.monotonic(), s)."""
         while (left := due - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=min(left, 0.05))
 
     def _wait(self, done: Callable[[], bool], failure: str = "") -> None:
-        """Spin until it is done; too long without an answer is an error where there are words for one."""
+        """Let callbacks run until `done`, or until the node has not answered for too long.
+
+        Raises PlayError with the words of `failure` in the latter case, unless they are empty, and if the
+        node has ended.
+        """
         count, since = len(self.found.mobility), time.monotonic()
         while not done():
             self._executor.spin_once(timeout_sec=0.02)
@@ -290,12 +329,12 @@ class _Player:
 
 
 def play_bag(bag: Path, rate: float, wait: float) -> tuple[int, str]:
-    """Publish a bag at a pace, as soon as its topics have subscribers.
+    """Publish a bag without waiting for answers, as soon as all of its topics have subscribers.
 
     Parameters
     ----------
     bag
-        The bag.
+        Path of the bag.
     rate
         Factor on the recorded speed, 1.
     wait
@@ -303,8 +342,10 @@ def play_bag(bag: Path, rate: float, wait: float) -> tuple[int, str]:
 
     Returns
     -------
-    count, hole : int, str
-        Messages published; in words how a gap in the recording times was bridged.
+    count : int
+        Number of messages published.
+    hole : str
+        How a gap of years in the recording times was bridged, in words; empty if there is none.
     """
     with _Player(bag, lambda: None) as player:
         limit = time.monotonic() + wait

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that a configured node has, from its configuration to its cleanup."""
+"""The work of a configured node, from its configuration to its cleanup."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ _OF_ROS = {
 
 
 def _check_topics(node: LifecycleNode, settings: NodeSettings) -> None:
-    """Look whether the node can have its topics.
+    """Check that the node can subscribe to and publish all of its topics.
 
     Raises
     ------
     ParametersError
-        If a name is not possible, a topic would carry two types (DDS allows that to no node), or the package
-        of its type is not installed.
+        If a name is not possible, a topic would carry two types, which DDS allows no node, or the package of
+        its type is not installed.
     """
     for parameter, kind in (("elevation_topic", ELEVATION), ("speed_limit_topic", SPEED_LIMIT)):
         package = kind.split("/")[0]
@@ -106,7 +106,19 @@ def _is_remapped(node: LifecycleNode, name: str) -> bool:
 
 @dataclass
 class _Job:
-    """Something that is done every so often (s). name: what to count a defect under."""
+    """Work that is repeated.
+
+    Attributes
+    ----------
+    name
+        Topic under which its failures are counted.
+    period
+        Time between two times, s.
+    work
+        Does the work.
+    due
+        Time at which it is done next, by time.monotonic(), s.
+    """
 
     name: str
     period: float
@@ -115,12 +127,10 @@ class _Job:
 
 
 class Session:
-    """All that runs while the node is configured: pipeline, subscriptions, publishers, saved soil.
+    """Pipeline, subscriptions, publishers and saved soil of a configured node.
 
-    The constructor sets all of it up, or raises.
-
-    One timer does all the work: each turn decodes what has arrived, takes it through the pipeline, and
-    publishes.
+    One timer does all the work: each turn decodes the messages that have arrived, takes them through the
+    pipeline, and publishes the results.
 
     Parameters
     ----------
@@ -134,9 +144,9 @@ class Session:
     Attributes
     ----------
     warnings
-        Sentences about the configuration, reported once.
+        Sentences about the configuration, to be logged once.
     restored
-        The saved soil and cost map that it continues from, in words; empty if there is none.
+        The saved soil and cost map from which the estimate continues, in words; empty if there are none.
 
     Raises
     ------
@@ -191,6 +201,7 @@ class Session:
         cost, outputs, inputs = self._outputs.cost, self._outputs, self._inputs
 
         def guarded(name: str, work: Callable[[Any], None]) -> Callable[[Any], None]:
+            """Make a callback of `work` whose failures are counted under topic `name`."""
             return lambda message: self._safely(name, work, message)
 
         inputs.listen(
@@ -252,7 +263,7 @@ class Session:
             self._report("~/save_soil", "not_saved", self._autosave.problem)
 
     def save_at_end(self) -> None:
-        """Save what has changed, at once, since the node ends."""
+        """Save soil and cost map at once, if they have changed and are saved automatically."""
         if self._autosave is not None:
             self._safely(
                 "~/save_soil", self._autosave.finish, self._pipeline, self._outputs.cost.map
@@ -261,7 +272,11 @@ class Session:
                 self._node.get_logger().error(self._autosave.problem)
 
     def terrain_margins(self) -> tuple[bool, str]:
-        """Margins of terrain classes as JSON: margin, its standard deviation and places, by class."""
+        """Return True, and margins of terrain classes as JSON.
+
+        For each class, by its number: margin and standard_deviation, 1, and places, the number of places of
+        it that have been crossed.
+        """
         classes = self._outputs.cost.map.ahead.classes
         found, places = {}, classes.places()
         for terrain, margin in classes.margins().items():
@@ -270,7 +285,10 @@ class Session:
         return True, json.dumps(found)
 
     def clear_cost(self) -> tuple[bool, str]:
-        """Forget the cost of the ground but not the soil, and publish that at once."""
+        """Forget the costs of the ground but not the soil, and publish empty grids at once.
+
+        Returns whether there were any, and a sentence for the user.
+        """
         cost = self._outputs.cost
         whole = cost.map.whole()
         if whole is None:
@@ -283,7 +301,7 @@ class Session:
         return True, f"{known} cells are forgotten, {stuck} of them 100; the soil goes on"
 
     def reset(self) -> tuple[bool, str]:
-        """Forget soil, cost map and buffers."""
+        """Forget soil, cost map and buffered rows; return True, and a sentence for the user."""
         self._turn()
         self._start_over()
         if self._autosave is not None and not self._soil_file.problem:
@@ -299,7 +317,7 @@ class Session:
     # --- Turns
 
     def _work(self) -> None:
-        """Take a turn, and do whatever else is due."""
+        """Do a turn and all jobs that are due."""
         self._turn(within=_WITHIN)
         now = time.monotonic()
         for job in self._jobs:
@@ -308,11 +326,11 @@ class Session:
                 self._safely(job.name, job.work)
 
     def _turn(self, within: float = math.inf) -> None:
-        """Take what has come through the pipeline, and publish what comes of it.
+        """Process the messages that have arrived, and publish the results.
 
-        Where nothing comes for a while, what waits for other messages goes on without them. within: s, which
-        another slice must not pass if it takes as long as the newest one: the rest then waits for the next
-        turn, so that a node that catches up still answers.
+        If nothing arrives for a while, rows that wait for other messages are processed without them. within:
+        duration, s. Messages are processed in slices; one that would exceed that, if it takes as long as the
+        last one, is left to the next turn, so that a node that catches up still answers.
         """
         begin = time.monotonic()
         try:
@@ -341,9 +359,9 @@ class Session:
         self._longest = max(self._longest, time.monotonic() - begin)
 
     def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
-        """Do something of which a defect must not take a robot's node down; it is loud all the same.
+        """Call `work` with `values`; an exception is reported, and does not end the robot's node.
 
-        name: what to count a defect under.
+        name: topic under which failures are counted.
         """
         try:
             work(*values)
@@ -358,7 +376,7 @@ class Session:
         self._inputs.log(self._pipeline.take_problems())
 
     def diagnostics(self) -> list[DiagnosticStatus]:
-        """Return the entries of an active node; log which alarms begin and end."""
+        """Return the diagnostics of an active node, and log which alarms begin and end."""
         newest = self._outputs.newest
         self._outputs.report_deaf_subscribers()
         self._outputs.report_waiting_for_what_went()
@@ -373,7 +391,7 @@ class Session:
         return found
 
     def _log_alarms(self) -> None:
-        """Say once that an alarm begins, and that it has ended: not everybody looks at diagnostics."""
+        """Log once that an alarm begins, and that it has ended: not everybody looks at diagnostics."""
         log, said = self._node.get_logger(), alarms(self._pipeline)
         now = {alarm.kind: alarm for alarm in said}
         another_level = not now.keys().isdisjoint(WARNINGS)

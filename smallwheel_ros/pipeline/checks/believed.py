@@ -27,22 +27,24 @@ from .rigid_motion import places_of, rigid_motion
 
 Rows = tuple[Integers, Array]  # stamps (ns), values (rows, width)
 NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 12)))
-MOVES, FELT = "moves", "felt"  # speed over ground and imu as they are read, beside the raw streams
-AGAINST, SLIDES, UNFELT = 9, 10, 11  # of a row of what has been learnt of the speed
-INERTIAL = 8  # of a row of `FELT`
+MOVES, FELT = "moves", "felt"  # names of the derived streams: speed over ground; imu with z up
+AGAINST, SLIDES, UNFELT = 9, 10, 11  # columns of `BelievedRows.trusted`
+INERTIAL = 8  # column of `FELT`: the speed by the imu alone
 _TURNING = SECOND // 10  # ns over which the rate of a steering angle is taken: some messages of it
 
 
 @dataclass(frozen=True)
 class RawRows:
-    """Raw rows of all streams by name: the newly arrived ones, and those kept from earlier.
+    """Raw rows of all streams: the newly arrived ones, and those kept from earlier.
 
     Attributes
     ----------
+    streams
+        Rows by the stream's name, such as `<wheel>/load` or `odom`; SI units.
     until
         Stamp up to which all rows have arrived, ns.
     silent
-        Streams that are no longer waited for.
+        Names of the streams that have sent nothing for so long that they are no longer waited for.
     """
 
     streams: Mapping[str, Samples]
@@ -52,24 +54,26 @@ class RawRows:
 
 @dataclass(frozen=True)
 class Trust:
-    """Accuracy and independence of the ground speed at some instants.
+    """Accuracy and independence of the ground speed at some instants; arrays of shape (instants,).
 
     Attributes
     ----------
     variance
         Variance of the speed, m^2/s^2.
     lag
-        Delay, or possible delay, of the speed against the motion of the wheels, s.
+        Delay of the speed after the motion of the wheels, s; as long as it is unknown, the largest usual one,
+        0.5 s.
     of_wheels
         Whether the speed is computed from the wheels.
     may_be
-        Whether it may be computed from the wheels, because that is not known yet.
+        Whether it may be computed from the wheels; True until that has been decided.
     since
-        Time for which messages have repeated the same speed, s.
+        Time since the last message that differed from the one before it, s.
     way
-        Path of the rims in that time, m.
+        Path of the rims from that message to the newest one, m.
     mean
-        How long before its stamp the speed held, s, where it is a mean over time.
+        Time from the instant at which the speed holds to its message's stamp, s: half the averaging time of
+        a speed computed from poses, 0 for a measured one.
     """
 
     variance: Array
@@ -82,10 +86,17 @@ class Trust:
 
 
 class RimSpeeds(NamedTuple):
-    """Speeds (m/s) of the rims at instants: mean, mean magnitude, and half of right minus left.
+    """Speeds of a vehicle's rims at instants; arrays of shape (instants,), m/s, NaN where unknown.
 
-    With steered wheels they are those of the rigid motion that fits the rims best: vx, the mean
-    magnitude, and the yaw rate times half of the track width.
+    Attributes
+    ----------
+    mean
+        Mean over the rims; for a vehicle that steers, vx of the rigid motion that fits the rims best.
+    size
+        Mean magnitude over the rims.
+    turn
+        Half the difference of the means of right and left, positive in a turn to the left; for a vehicle
+        that steers, yaw rate of that rigid motion times half the track width.
     """
 
     mean: Array
@@ -95,7 +106,7 @@ class RimSpeeds(NamedTuple):
 
 @dataclass(frozen=True)
 class BelievedRows:
-    """Raw rows with the stamps from which streams are doubted, read through those doubts.
+    """Raw rows, and the doubts about them; its methods give NaN wherever a stream is doubted.
 
     Attributes
     ----------
@@ -111,11 +122,15 @@ class BelievedRows:
         Speed (m/s), yaw rate (rad/s) and sideways speed (m/s, NaN: unknown) over ground as measured,
         (rows, 3).
     felt
-        Rows of the imu, z up, and the speed by the imu alone, (rows, 9).
+        Rows of the imu in axes with z up, (rows, 9): yaw rate (rad/s); specific force ahead, left and up
+        (m/s^2); unit vector that points up, NaN without an orientation; pitch rate (rad/s, positive nose
+        down); speed by integration of the imu alone (m/s).
     trusted
-        What had been learnt about the speed up to each of its messages, (rows, 12).
+        What had been learnt about the ground speed up to each of its messages, (rows, 12): the seven
+        quantities of `Trust`, then no_twist, share, against and slides of `Known`, and whether the imu does
+        not feel how the speed changes.
     doubted
-        Which streams are doubted, each from a stamp on.
+        Which streams are doubted, and over which stamps.
     since, done
         The new rows lie in (since, done], ns: all of them have arrived, and all doubts about them are
         known.
@@ -161,12 +176,12 @@ class BelievedRows:
     # --- At instants
 
     def at_once(self, names: Sequence[str], instants: Integers) -> dict[str, Array]:
-        """Values of several streams at instants.
+        """Values of several streams at instants, interpolated or held.
 
         Parameters
         ----------
         names
-            Raw streams, `MOVES` (speed over ground), `FELT` (imu, z up).
+            Names of raw streams, `MOVES` (speed over ground) or `FELT` (imu, z up).
         instants
             Shape (instants,), ns.
 
@@ -186,14 +201,19 @@ class BelievedRows:
         return {name: self._of(of.get(name, name), instants, found[name]) for name in names}
 
     def at(self, name: str, instants: Integers) -> Array:
-        """Values of one stream at instants; see `at_once`.
+        """Values of one stream at instants, interpolated or held.
 
         Parameters
         ----------
         name
-            The stream.
+            Name of the stream, as for `at_once`.
         instants
             Shape (instants,), ns.
+
+        Returns
+        -------
+        ndarray
+            Shape (instants, width), SI; NaN where there is no value, or the stream is doubted.
         """
         return self.at_once([name], instants)[name]
 
@@ -207,19 +227,23 @@ class BelievedRows:
 
     @cached_property
     def rim_streams(self) -> list[str]:
-        """Streams of the speeds of the wheels that roll."""
+        """Names of the streams of wheel speeds, one for each wheel that rolls."""
         return [f"{wheel.name}/wheel_speed" for wheel in self.settings.rolling]
 
     def each_rim_of(self, shown: Mapping[str, Array], count: int) -> Array:
-        """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants); NaN without its stream.
+        """Compute the rim speeds of the wheels that roll, from values that have been looked up already.
 
         Parameters
         ----------
         shown
-            Values of each stream at the instants, shape (instants, columns), from `at_once`; wheel speeds
-            in rad/s.
+            Values by stream as given by `at_once`, shape (instants, width); wheel speeds in rad/s.
         count
             Number of instants.
+
+        Returns
+        -------
+        ndarray
+            Shape (rolling wheels, instants), m/s; NaN for a wheel whose stream is missing.
         """
         found = np.full((len(self.settings.rolling), count), np.nan)
         for row, wheel in zip(found, self.settings.rolling, strict=True):
@@ -228,14 +252,24 @@ class BelievedRows:
         return found
 
     def each_rim(self, instants: Integers) -> Array:
-        """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants)."""
+        """Speed (m/s) of the rim of each wheel that rolls, (rolling wheels, instants); NaN: unknown."""
         return self.each_rim_of(self.at_once(self.rim_streams, instants), instants.size)
 
     def steering(self, instants: Integers) -> tuple[Array, Array]:
-        """Angle (rad, to the left) and its rate (rad/s) of each wheel that rolls, (wheels, instants).
+        """Steering angle and its rate of each wheel that rolls.
 
-        Both are 0 for a wheel that is not steered, and NaN where an angle is not known. The rate is a mean
-        over the last tenth of a second.
+        Parameters
+        ----------
+        instants
+            Shape (instants,), ns.
+
+        Returns
+        -------
+        angle : ndarray
+            Shape (rolling wheels, instants), rad, positive to the left; 0 for a wheel that is not steered,
+            NaN where the angle is unknown.
+        rate : ndarray
+            Same shape, rad/s: mean over the last tenth of a second; 0 where that is unknown.
         """
         rolling, steered = self.settings.rolling, self.settings.steered
         angle, rate = np.zeros((2, len(rolling), instants.size))
@@ -248,14 +282,20 @@ class BelievedRows:
         return angle, rate
 
     def motion_of_rims(self, instants: Integers, rims: Array) -> Array:
-        """The rigid motion that fits the rims of steered wheels best: vx, vy and yaw rate, (3, instants).
+        """Fit the motion of the vehicle as a rigid body to its rim speeds and steering angles.
 
         Parameters
         ----------
         instants
             Shape (instants,), ns.
         rims
-            Speed of the rim of each wheel that rolls, shape (wheels, instants), m/s.
+            Speed of the rim of each wheel that rolls, shape (rolling wheels, instants), m/s.
+
+        Returns
+        -------
+        ndarray
+            Shape (3, instants): vx and vy (m/s) of the base frame, yaw rate (rad/s); NaN where fewer than
+            two wheels are known. See `rigid_motion`.
         """
         angle, rate = self.steering(instants)
         rolling = self.settings.rolling
@@ -265,25 +305,35 @@ class BelievedRows:
         return rigid_motion(rims + rate * arm[:, None], x, y, angle)
 
     def unsteered_rims(self, rims: Array) -> Array:
-        """Mean speed (m/s) of the rims that are not steered; some odometries are computed from these alone.
+        """Mean speed of the wheels that are not steered; some odometries are computed from these alone.
 
         Parameters
         ----------
         rims
-            Speed of the rim of each wheel that rolls, shape (wheels, instants), m/s.
+            Speed of the rim of each wheel that rolls, shape (rolling wheels, instants), m/s.
+
+        Returns
+        -------
+        ndarray
+            Shape (instants,), m/s; NaN where no such wheel is known.
         """
         rolling, steered = self.settings.rolling, self.settings.steered
         return mean_of_known(rims[[wheel.name not in steered for wheel in rolling]])
 
     def rims(self, instants: Integers, rims: Array) -> RimSpeeds:
-        """Mean and turning speed of the vehicle's rims at instants.
+        """Summarise the rim speeds of all wheels at each instant by mean, magnitude and turning speed.
 
         Parameters
         ----------
         instants
             Shape (instants,), ns.
         rims
-            Speed of the rim of each wheel that rolls, shape (wheels, instants), m/s.
+            Speed of the rim of each wheel that rolls, shape (rolling wheels, instants), m/s.
+
+        Returns
+        -------
+        RimSpeeds
+            Arrays of shape (instants,), m/s.
         """
         size = mean_of_known(np.abs(rims))
         side = np.array([wheel.lateral_position for wheel in self.settings.rolling])
@@ -294,7 +344,7 @@ class BelievedRows:
         return RimSpeeds(mean_of_known(rims), size, 0.5 * (right - left))
 
     def trust(self, instants: Integers) -> Trust:
-        """Accuracy of the speed at instants."""
+        """Accuracy and independence of the ground speed at instants (ns), by what was learnt before each."""
         stamps, values = self.trusted.last(instants)
         variance, lag, of_wheels, may_be, since, way, mean, *_ = values.T
         seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)
@@ -310,7 +360,7 @@ class BelievedRows:
         )
 
     def period(self, instants: Integers) -> Integers:
-        """Period (ns) of the messages of speed, by those before each instant."""
+        """Period (ns) of the ground speed before each instant, shape (instants,); 0 without any message."""
         moves = self.moves.stamps
         if not moves.size:
             return np.zeros(instants.size, dtype=np.int64)
@@ -318,7 +368,7 @@ class BelievedRows:
         return np.asarray(np.minimum(self.moves.periods(moves)[row], self.rules.widest))
 
     def motion_anew(self) -> list[int]:
-        """The stamps in `anew` that are due to a stream of motion: ground speed, rims or imu."""
+        """Those of the stamps `anew` in (since, done] that concern ground speed, a rim speed or the imu."""
         tells = {
             self.source,
             IMU,
@@ -334,17 +384,21 @@ class BelievedRows:
     # --- Rows as they came
 
     def new(self, name: str) -> Rows:
-        """Rows of a stream in (since, done], NaN where it is doubted."""
+        """Stamps (ns) and values (rows, width) of a stream in (since, done], NaN where it is doubted."""
         stamps, values = self.streams.get(name, NO_ROWS).between(self.since, self.done)
         return stamps, self._of(name, stamps, values)
 
     def new_imu(self) -> Rows:
-        """Rows of the imu in (since, done], z up, NaN where it is doubted."""
+        """Stamps (ns) and rows of `felt` in (since, done], NaN where the imu is doubted."""
         stamps, values = self.felt.between(self.since, self.done)
         return stamps, self._of(IMU, stamps, values)
 
     def new_motion(self) -> dict[str, Rows]:
-        """Rows of all streams in (since, done], NaN where doubted or where an odometry shows no slip."""
+        """Rows of each raw stream in (since, done] by name, as stamps (ns) and values (rows, width).
+
+        They are NaN where the stream is doubted, and for an odometry also where it is computed from the
+        wheels and so shows no slip.
+        """
         found = {name: self.new(name) for name in self.streams}
         if ODOMETRY in found:
             stamps, values = found[ODOMETRY]
@@ -353,7 +407,13 @@ class BelievedRows:
 
 
 def arms_of(settings: OnboardSettings) -> Array:
-    """How far the middle of each rolling wheel is to the left of its steering axis, m; 0 if unknown."""
+    """Distance (m) of each rolling wheel's middle to the left of its steering axis; 0 if unknown.
+
+    Returns
+    -------
+    ndarray
+        Shape (rolling wheels,); 0 also for a wheel that is not steered.
+    """
     steered = settings.steered
     arms = [steered[w.name].arm if w.name in steered else 0.0 for w in settings.rolling]
     return np.array([arm or 0.0 for arm in arms])

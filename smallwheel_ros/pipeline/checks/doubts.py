@@ -16,39 +16,40 @@ import numpy as np
 
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 
-# Of an odometry made of the wheels: its places are of use all the same.
+# Doubted instead of the odometry when that is computed from the wheels: its positions stay in use.
 SHOWS_NO_SLIP = "odometry/speed"
 
 
 @dataclass(frozen=True)
 class Doubted:
-    """The set of doubted streams over time: each set holds after its stamp and up to the next one.
+    """Which streams are doubted over time.
 
     Attributes
     ----------
     stamps
-        Beginning of each set but the first, ns.
+        Stamps at which the set of doubted streams changes, rising, ns.
     streams
-        The sets; the first one holds up to the first stamp.
+        The sets, one more than there are stamps. streams[i] holds in (stamps[i - 1], stamps[i]]; the first
+        has no beginning, the last no end.
     """
 
     stamps: tuple[int, ...] = ()
     streams: tuple[frozenset[str], ...] = (frozenset(),)
 
     def at(self, stream: str, stamps: Integers) -> Flags:
-        """At which stamps a stream is doubted.
+        """Tell at which stamps a stream is doubted.
 
         Parameters
         ----------
         stream
-            The stream.
+            Name of the stream, such as `<wheel>/load`.
         stamps
             Shape (rows,), ns.
 
         Returns
         -------
         ndarray
-            Shape (rows,), bool.
+            Shape (rows,), bool: True where it is doubted.
         """
         flags = [stream in streams for streams in self.streams]
         if not any(flags):
@@ -60,16 +61,21 @@ class Doubted:
         return self.streams[bisect_left(self.stamps, stamp)]
 
     def believed(self, stream: str, stamps: Integers, values: Array) -> Array:
-        """Rows of a stream, with NaN where it is doubted.
+        """Replace the values of a stream by NaN where it is doubted.
 
         Parameters
         ----------
         stream
-            The stream.
+            Name of the stream.
         stamps
             Shape (rows,), ns.
         values
             Shape (rows, width).
+
+        Returns
+        -------
+        ndarray
+            Shape (rows, width); the values themselves if none is doubted.
         """
         doubted = self.at(stream, stamps)
         return np.where(doubted[:, None], np.nan, values) if doubted.any() else values
@@ -79,14 +85,14 @@ NO_DOUBT = Doubted()
 
 
 class Doubts:
-    """The doubts that the checks have recorded.
+    """Record of the doubts of one vehicle, to which the checks add.
 
     Attributes
     ----------
     now
-        The streams doubted at the newest stamp.
+        The doubts recorded so far; it is replaced, never changed.
     began
-        Stamps at which a new doubt began, ns.
+        Stamps at which a stream became doubted that was not doubted before, ns.
     """
 
     def __init__(self) -> None:
@@ -94,12 +100,12 @@ class Doubts:
         self.began: list[int] = []
 
     def hold(self, stamp: int, streams: Set[str]) -> None:
-        """Doubt these streams and no others after a stamp.
+        """Doubt these streams, and no others, at all stamps later than this one.
 
         Parameters
         ----------
         stamp
-            ns.
+            ns, not before that of an earlier call.
         streams
             Names of the streams.
         """
@@ -111,7 +117,7 @@ class Doubts:
             self.began.append(stamp)
 
     def forget(self, before: int) -> None:
-        """Drop doubts that were over before a stamp (ns)."""
+        """Drop everything that holds only before a stamp (ns), to free memory."""
         old = sum(stamp < before for stamp in self.now.stamps)
         self.now = Doubted(self.now.stamps[old:], self.now.streams[old:])
         self.began = [stamp for stamp in self.began if stamp >= before]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ground speed and imu samples of real robots, and how far each is to be believed.
+"""Ground speed and imu samples of real robots, and what is learnt of their accuracy, lag and independence.
 
     speed     the twist's. While every twist is exactly 0: the speed of the pose along the heading over
               0.5 s, or over two periods, at the middle of that time
@@ -66,17 +66,17 @@ WINDOW = (
     SECOND // 2
 )  # between the poses of a speed: places are known to some cm, so speeds to some cm/s
 DOWN = 0.5  # of g: more along z than on the steepest slope
-_STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
+_STEADY = 0.1  # of the rims' speed: where they change by less, changes of the speed are its error
 _PLACE = (
-    0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
+    0.05  # m: error of one pose by a lidar or by cameras, as long as nothing else has been learnt
 )
-_SCAN = 0.1  # s that a turn of a lidar takes: at which instant of it a place holds is not known
+_SCAN = 0.1  # s that a turn of a lidar takes: at which instant of it a pose holds is unknown
 _APART = (
     SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
 )
 _SLOW = 1.0  # m/s, under which a speed's error hardly depends on it: robots drove with 0.1 to 4 m/s
 _SMOOTH = (
-    0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
+    0.5  # the same where poses show theirs: gained in 2 s, it puts one 0.03 s off the others' line
 )
 _NEAR = 6  # lags of 0.1 s that three messages in a row span, of an odometry of 4 Hz and more
 _GUESSED = 3  # readings that `_UNTRIED` and `_SCAN` count for
@@ -87,7 +87,23 @@ _UNTRIED = (
 
 @dataclass
 class _Sums:
-    """Running sums of what is learnt, and what they were at the end of the last piece of way."""
+    """Sums and last values that are carried from block to block.
+
+    Attributes
+    ----------
+    quick, lasting
+        Errors of the speed over three consecutive messages, and over 2 s.
+    late
+        Count and sum (s^2) of squared stamp errors of poses.
+    speed
+        Speeds of the last two messages, m/s.
+    way
+        Path of the rims, m.
+    changed, changed_way
+        Stamp (ns) of the last message that differed from the one before it, and the path (m) then.
+    stamp
+        Stamp of the last message, ns.
+    """
 
     quick: RunningDeviation = field(default_factory=lambda: RunningDeviation(_GUESSED))
     lasting: RunningDeviation = field(default_factory=lambda: RunningDeviation(_GUESSED))
@@ -102,14 +118,23 @@ class _Sums:
 class GroundSpeed:
     """Ground speed and imu samples, with what has been learnt of their accuracy, lag and independence.
 
+    Parameters
+    ----------
+    settings
+        Settings of the vehicle.
+    doubts
+        Doubts of the checks, which are respected as they are added; None: there are none.
+
     Attributes
     ----------
+    source
+        Name of the stream that gives the speed over ground.
     moves
-        Speed (m/s), yaw rate (rad/s) and, for a vehicle that steers, sideways speed (m/s).
+        Speed (m/s), yaw rate (rad/s) and sideways speed (m/s; 0 for a vehicle that does not steer).
     felt
-        The imu's rows, z up, and the speed by the imu alone.
+        Rows of the imu as in `BelievedRows.felt`.
     posed
-        Whether the speed is computed from the pose.
+        Whether the speed is computed from the pose, since every twist so far was 0.
     """
 
     def __init__(self, settings: OnboardSettings, doubts: Doubts | None = None) -> None:
@@ -133,14 +158,14 @@ class GroundSpeed:
         self._inertial, self._unfelt = InertialSpeed(settings.gravity), Unfelt(settings.gravity)
 
     def take(self, raw: Mapping[str, Samples], since: int) -> None:
-        """Add the rows that arrived.
+        """Compute speeds and upright imu rows from the raw rows that are new.
 
         Parameters
         ----------
         raw
-            Rows by stream.
+            All raw rows that are kept, by stream.
         since
-            Stamp before which rows are not needed any more, ns.
+            Stamp before which computed rows are no longer needed, ns.
         """
         for stream in (self.moves, self.felt, self._own, self._trust):
             stream.forget(since)
@@ -149,7 +174,7 @@ class GroundSpeed:
         self._speeds()
 
     def bound(self, raw: RawRows) -> int:
-        """Stamp (ns) up to which speeds are known: one from poses holds at the middle between two of them."""
+        """Return the stamp (ns) up to which speeds are known; one of two poses holds midway between them."""
         waits = self._own.newest != NEVER and self.source not in raw.silent
         return min(raw.until, self.moves.newest) if self.posed and waits else raw.until
 
@@ -160,14 +185,17 @@ class GroundSpeed:
 
         Parameters
         ----------
-        since
-            Stamp up to which rows were taken in earlier blocks, ns.
-        done
-            Stamp up to which rows are taken now, ns.
+        since, done
+            The rows to be processed now lie in (since, done], ns.
         began
             Stamps at which a doubt began in this block, ns.
         anew
-            Stamps at which what was learnt before is dropped, ns.
+            Stamps at which the soil has to be learnt anew, ns.
+
+        Returns
+        -------
+        BelievedRows
+            All rows that are kept, also those at or before `since`.
         """
         own = self.moves.samples, self.felt.samples, self._trust.samples
         return BelievedRows(
@@ -177,7 +205,7 @@ class GroundSpeed:
 
     @property
     def doubt(self) -> str:
-        """Why the newest speed is not believed, by itself; empty where it is."""
+        """Reason in words why the newest ground speed is not believed; empty where it is."""
         newest = self._trust.samples.values[-1:]
         if (newest[:, AGAINST] > 0.0).any():
             way = "where the wheels turn ahead, or ahead where back"
@@ -187,7 +215,7 @@ class GroundSpeed:
         return ""
 
     def known(self, stamp: int) -> Known:
-        """State of knowledge at a stamp (ns) up to which everything has been learnt."""
+        """What is known of odometry and imu at a stamp (ns); `learn` must have come so far."""
         down = bisect_right(self._turned, stamp) % 2 == 0
         stamps, values = self._trust.last(np.array([stamp], dtype=np.int64))
         if stamps[0] == NEVER:
@@ -199,7 +227,7 @@ class GroundSpeed:
     # --- What came
 
     def _turn_over(self) -> None:
-        """Give the imu's rows with z up: most of those so far say where down is."""
+        """Extend `felt` by the new imu rows, turned about x where most rows so far have z pointing down."""
         stream = self._raw.get(IMU, NO_ROWS)
         stamps, values = stream.after(self.felt.newest)
         if not stamps.size:
@@ -222,7 +250,7 @@ class GroundSpeed:
         self.felt.extend(stamps, np.column_stack([values, inertial]))
 
     def _speeds(self) -> None:
-        """Give the rows of speed and yaw rate."""
+        """Extend `moves` and `_own` by the new messages: from the twist, or from poses while it is 0."""
         stream = self._raw.get(self.source, NO_ROWS)
         if not stream.after(self._own.newest)[0].size:
             return
@@ -277,13 +305,13 @@ class GroundSpeed:
             )
         self._own.extend(stamps, np.column_stack([back, speed, turn, new, way, off]))
         middle = stamps - back.astype(np.int64)
-        # Also what is not known is a row: nothing is interpolated over it, whenever it is looked at.
+        # Unknown speeds are rows, too, so that nothing is interpolated over them.
         before_it = np.concatenate([[self.moves.newest], middle[:-1]])
         rising = middle > np.maximum.accumulate(before_it)
         self.moves.extend(middle[rising], np.column_stack([speed, turn, aside_told])[rising])
 
     def _aside(self, values: Array) -> Array:
-        """Speed aside (m/s) of a twist; while it is exactly 0 in every message it is not known."""
+        """Sideways speeds (m/s) of twists; NaN as long as every one so far was exactly 0."""
         if not self.settings.steered:
             return np.zeros(len(values))
         aside = values[:, ASIDE if self.source == ODOMETRY else 2]
@@ -293,10 +321,10 @@ class GroundSpeed:
         return np.where(told, aside, np.nan)
 
     def _felt_ahead(self, felt: Array) -> tuple[Array, Array]:
-        """Sine of the slope, nose up, by the last second of the imu, and what is felt beside it, m/s^2.
+        """Mean sine of the slope, nose up, over the last second, and mean specific force ahead without it.
 
-        Without an orientation all that is felt is the slope, and all of it is felt beside it. NaN: not known.
-        felt: (rows, lags, 9).
+        Without an orientation the force is taken for the slope, and is not reduced by it. felt: rows of the
+        imu at each lag, (rows, lags, 9). Both results have shape (rows,): 1, m/s^2; NaN where unknown.
         """
         ahead, up = mean_of_known(np.moveaxis(felt[:, :, [1, 4]], 1, 0)).T
         gravity = self.settings.gravity
@@ -305,7 +333,10 @@ class GroundSpeed:
     # --- What is learnt
 
     def learn(self, until: int) -> None:
-        """Learn from the rows up to a stamp (ns) by which all of them have arrived."""
+        """Learn accuracy, lag and independence of the speed from its messages up to a stamp (ns).
+
+        All rows up to that stamp must have arrived.
+        """
         after = max(self._trust.newest, NEVER)
         stamps, own = self._own.between(after, until)
         if not stamps.size:
@@ -334,7 +365,7 @@ class GroundSpeed:
         made, may_be = np.zeros((2, stamps.size), dtype=bool)
         share = unknown(stamps.size)
         sums.way = float(way[-1])
-        # Since when the message has been the same, and the way of the rims meanwhile.
+        # Stamp of the last message that differed from the one before it, and the path of the rims then.
         is_new = new > 0.0
         changed = np.maximum.accumulate(np.where(is_new, stamps, NEVER))
         changed = np.maximum(changed, sums.changed)
@@ -344,7 +375,7 @@ class GroundSpeed:
         variance = self._spread(moved[:, -2:], back, speed, off, mean)
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
-        # By how much the speed comes later than gyro and rims, the larger one, or may come.
+        # Delay of the speed after gyro or rims, whichever is larger.
         turns_late = self._turns_late.take(turn, imu[:, :, 0])
         lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
         against, slides = self._goes_against.take(
@@ -353,7 +384,7 @@ class GroundSpeed:
         if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels
             made, may_be, share = self._of_wheels.take(ways_before, way, parts)
         if self.settings.steered and self.source == ODOMETRY:
-            # Car-like odometries are made of the axle that is not steered.
+            # Odometries of car-like vehicles are computed from the axle that is not steered.
             unsteered = parts.copy()
             unsteered[:, 0] = (
                 np.nan_to_num(now.unsteered_rims(each_rim[:, :: back_to.size])) * passed
@@ -383,11 +414,12 @@ class GroundSpeed:
         self._trust.extend(stamps, np.column_stack(rows))
 
     def _spread(self, earlier: Array, back: Array, speed: Array, off: Array, rims: Array) -> Array:
-        """Variance of a speed, by what it does while the rims turn evenly; of neighbours too.
+        """Variance (m^2/s^2) of each speed, from its changes while the rims turn evenly.
 
-        earlier: speeds `_APART` and twice that before, (rows, 2). off: m, of a place from the line between
-        its neighbours, as `_off_line` has it. rims: their mean speed `LAGS`, `_APART` and twice that before,
-        (rows, lags + 2).
+        earlier: speeds `_APART` and twice that before, (rows, 2), m/s. back: time from the instant of the
+        speed to its stamp, ns. off: distance of a pose from the line between its neighbours, from
+        `_off_line`, m. rims: their mean speed at each of `LAGS`, `_APART` and twice that before,
+        (rows, lags + 2), m/s.
         """
         sums = self._sums
         with np.errstate(invalid="ignore"):
@@ -407,10 +439,10 @@ class GroundSpeed:
         posed = 2.0 * (place * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
         told = np.where(back > 0.0, np.maximum(told, posed), told)
         found = told
-        # Errors of stamps grow with the speed: fast and slow rows tell of each other by this share.
+        # Errors of stamps grow with the speed: divided by this, fast and slow rows have the same error.
         with np.errstate(invalid="ignore"):
             share = _SLOW**2 + np.nan_to_num(np.fmax(most, np.abs(speed))) ** 2
-        # What three messages in a row show is there first, and as much goes for errors that last.
+        # The error over three messages is known first, and is assumed for lasting errors as well.
         learnt = np.sqrt(np.maximum(told / share, _UNTRIED**2))
         kinds = (quick, change_near, sums.quick), (lasting, change, sums.lasting)
         for bend, changes, deviation in kinds:
@@ -420,7 +452,10 @@ class GroundSpeed:
         return np.asarray(found)
 
     def _late2(self, good: Flags, squares: Array) -> Array:
-        """Square of what stamps of poses are off by, s^2: mean so far, with what is usual of a lidar."""
+        """Mean squared stamp error of the poses up to each row, s^2, at least that usual of a lidar.
+
+        good: mask of the rows that count. squares: squared error of each row, s^2.
+        """
         rows = np.column_stack([good, np.where(good, squares, 0.0)])
         total = np.cumsum(np.concatenate([self._sums.late[None], rows]), axis=0)[1:]
         self._sums.late = total[-1]
@@ -429,9 +464,11 @@ class GroundSpeed:
 
 
 def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> Array:
-    """By how much (m) the pose before each is off the line between its neighbours, as one place is, or NaN.
+    """Distance (m) along the heading of the pose before each row from the line between its neighbours.
 
-    Along its heading, where time is way. begin: of each row, the first after a silence. widest: ns.
+    Scaled to the error of a single pose, (rows,); NaN where the three are too far apart. values: rows of the
+    odometry. begin: index of the first row since the last silence, for each row. widest: longest gap
+    between two of the poses, ns.
     """
     rows = np.arange(stamps.size)
     now, middle, then = rows, np.maximum(rows - 1, 0), np.maximum(rows - 2, 0)

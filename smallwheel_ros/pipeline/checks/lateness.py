@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How late an odometry is against gyro and rims, and whether it comes from the wheels.
+"""Delay of an odometry after gyro and rims, and whether it is computed from the wheels.
 
-An odometry may also run against the rims, where it or the joints look backward. All sums go on over cuts:
-a result depends only on the rows before it.
+An odometry may also run against the rims, where it or the joints have the wrong sign. All sums are carried
+from block to block: a result depends only on the rows before it.
 """
 
 from __future__ import annotations
@@ -17,22 +17,23 @@ from smallwheel_ros.pipeline.tables import Array, Flags
 
 from .sums import robust
 
-LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
+LATE = 0.5  # s: largest usual delay of odometries by lidar, camera or satellite
 MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
-# Of the way, that goes against a joint whose sign is wrong: a delay of 0.5 s at 1 m/s and no more.
+# Share of the path over which a joint of the wrong sign turns against the travel; the rest is what a delay of
+# 0.5 s at 1 m/s may take.
 SIGN_SHARE = 0.8
-_BENDS = 0.5  # of the rims' mean: by less all of them surely go one way
-_START = 0.05  # m: what noise of a speed and its delay make of a start
-# Sine of a slope from which on a vehicle may slide back on wheels that drive: resistance of soft ground alone
-# holds 0.05 to 0.1 of its weight.
+_BENDS = 0.5  # of the rims' mean: with a smaller half difference all of them surely go one way
+_START = 0.05  # m: what noise of a speed and its delay add up to in a start
+# Sine of a slope from which a vehicle may slide back on wheels that drive: the resistance of soft ground
+# alone holds 0.05 to 0.1 of its weight.
 _SLIDES = 0.09
 _LEAST_ALIKE = 0.75  # of the rims' way: what an odometry that looks back shows of it on soft ground
 _LONGEST = 5.0  # m, over which no vehicle slides as fast as its wheels drive
-# s from the first turn of the rims on, in which the imu tells the way that the vehicle goes: a start takes
-# one or two, and slopes and zeros make a speed of their own in more.
+# s from the first turn of the rims, in which the imu shows the direction in which the vehicle goes: a start
+# takes one or two, and over longer times slopes and zeros add up to a speed that is not there.
 _START_S = 2.0
-# Of the change of speed that the odometry shows, felt by the imu: 1 is a good one, -1 looks back, 0 says
-# nothing.
+# Share of the odometry's change of speed that the imu feels: 1 for a good odometry, -1 for one that looks
+# backward, 0 decides nothing.
 _FELT = 0.5
 LAGS = np.arange(11) * (SECOND // 10)  # ns
 _TURNS, _ALIKE, _BETTER = (
@@ -42,20 +43,21 @@ _TURNS, _ALIKE, _BETTER = (
 )  # rad/s; correlation; what a lag has to explain more than none
 _VARIES = 1e-6  # of the mean square: a thousandth of the mean
 _ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
-# Share of the way by which the best odometries of their own wander (KITTI); ten pieces by 0.4 of that once in
-# 250. Those of real robots that are made of the wheels are their multiples to 0.00001.
+# Share of the path by which the best independent odometries wander (KITTI); over ten pieces they wander by
+# 0.4 of that once in 250. Odometries of real robots that are computed from the wheels are multiples of their
+# path to 0.00001.
 _OWN, MADE = 0.005, 0.002
-_PIECE, PIECES = 0.5, 10  # m, and how many tell
-_FEW = 2  # pieces, of which a factor leaves something over
-_KEPT = 100  # pieces: of 50 m one that drives steadily with an odometry of its own has hills and stones, too
-_MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
+_PIECE, PIECES = 0.5, 10  # m, and number of pieces that decide
+_FEW = 2  # pieces: the residual about a fitted factor says nothing for fewer
+_KEPT = 100  # pieces, 50 m: in these a steady drive with an independent odometry has hills and stones, too
+_MOVES = 0.3  # of a piece's length: with less path, or turn, its residual says nothing
 _RADII = (
-    0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
+    0.15  # largest relative difference of the configured radii from those that an odometry assumes
 )
 
 
 class Lag:
-    """Estimates the delay of a speed after the motion it shows: the one in `LAGS` of largest correlation."""
+    """Estimates the delay of a speed after the motion that it shows, as the lag of largest correlation."""
 
     def __init__(self) -> None:
         self._sums, self._found = np.zeros((6, LAGS.size)), math.nan
@@ -69,15 +71,14 @@ class Lag:
         Parameters
         ----------
         late
-            Change of the speed that may come late, shape (rows,).
+            Speed, or yaw rate, that may come late, shape (rows,), m/s or rad/s; NaN if unknown.
         early
-            Change of the motion that it may follow, at each of `LAGS` before each row, shape (rows, lags),
-            same unit.
+            The motion that it may follow, at each of `LAGS` before each row, shape (rows, lags), same unit.
 
         Returns
         -------
         ndarray
-            Shape (rows,), s; NaN until the speed has followed the motion once.
+            Shape (rows,), s, one of `LAGS`; NaN until the speed has followed the motion once.
         """
         good = np.isfinite(late) & np.isfinite(early).all(axis=1)
         good &= (np.abs(early) > _TURNS).any(axis=1)
@@ -106,7 +107,10 @@ class Lag:
 
 
 class OfWheels:
-    """Judges whether an odometry is, or may be, computed from the wheels, by comparing their paths."""
+    """Judges whether an odometry is computed from the wheels: then its path is a constant multiple of theirs.
+
+    Path is compared in pieces of half a metre of the rims.
+    """
 
     def __init__(self) -> None:
         self._total, self._last = np.zeros((2, 4))
@@ -114,22 +118,26 @@ class OfWheels:
         self._made, self._may_be, self._share = False, True, math.nan
 
     def take(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags, Array]:
-        """Judge from the last pieces of path whether an odometry is computed from the wheels.
+        """Judge at each row whether the odometry is computed from the wheels.
 
         Parameters
         ----------
         before, way
-            Path that the rims have covered up to the row before and up to each row, shape (rows,), m.
+            Path of the rims up to the row before each row, and up to each row, shape (rows,), m.
         parts
-            What each row adds, shape (rows, 4): path by the rims and by the odometry (m), turn by both (in
-            one unit).
+            Increments of each row, shape (rows, 4): path by the rims and by the odometry (m), turn by the
+            rims (half of right minus left, m) and by the odometry (rad).
 
         Returns
         -------
-        made, may_be, share : ndarray
-            Shape (rows,): whether it is computed from the wheels; whether it still may be, while pieces are
-            too few to decide; by which share its motion differs from the best multiple of the wheels', NaN
-            before the first piece.
+        made : ndarray
+            Shape (rows,), bool: whether it is computed from the wheels.
+        may_be : ndarray
+            Shape (rows,), bool: whether it may be, while the pieces are too few to decide.
+        share : ndarray
+            Shape (rows,), 1: rms difference of its motion from the best multiple of the wheels', relative to
+            the wheels' motion; NaN before the first piece is complete, infinite where the motion is too
+            small to tell.
         """
         total = _onward(self._total, parts)
         found, may_be = np.empty((2, way.size), dtype=bool)
@@ -157,12 +165,12 @@ class OfWheels:
 class Against:
     """Judges whether nearly all of the path so far runs against the rims, and whether it may be a slide back.
 
-    Where the speed is backward while the rims drive ahead, either speed or joints have the wrong sign,
-    and show no slip; or the vehicle slides down a slope while its wheels drive up, and the speed shows
-    all of the slip. If the vehicle stood before, its imu feels which way it then goes. Otherwise the slope
-    along the path decides: no vehicle slides uphill or on level ground. Without a slope, a speed of the wrong
-    sign is recognised by its magnitude, which, apart from its delay, equals that of the rims: a slide that is
-    just as fast cannot be distinguished from it.
+    Where the speed is backward while the rims drive ahead, either the speed or the joints have the wrong
+    sign, or the vehicle slides down a slope while its wheels drive up. If the vehicle stood before, its imu
+    feels in which direction it starts. Otherwise the slope along the path decides: no vehicle slides uphill
+    or on level ground. Without a slope, a speed of the wrong sign is recognised by its magnitude, which,
+    apart from its delay, equals that of the rims: a slide that is just as fast cannot be distinguished from
+    it.
     """
 
     def __init__(self) -> None:
@@ -178,8 +186,8 @@ class Against:
         rims
             Mean speed of the rims, shape (rows,), m/s.
         turn
-            Half of right minus left rims, shape (rows,), m/s; NaN without sides. Rows on which one side
-            turns backward are not judged.
+            Half the difference of right and left rims, shape (rows,), m/s; NaN where one side has no wheels.
+            Rows on which it is half the mean speed or more, as on a tight turn, are not judged.
         speed
             Speed over ground, shape (rows,), m/s.
         passed
@@ -187,15 +195,15 @@ class Against:
         rise
             Sine of the slope, nose up, shape (rows,); NaN if unknown.
         felt
-            Specific force ahead by the imu, minus gravity's part by its own orientation, shape (rows,),
-            m/s^2; NaN if unknown.
+            Specific force ahead by the imu, less the part of gravity that its orientation implies (nothing
+            without an orientation), shape (rows,), m/s^2; NaN if unknown.
 
         Returns
         -------
         against : ndarray
-            Shape (rows,), m; 0 where it is not nearly all of the way, or may be a slide.
+            Shape (rows,), m; 0 where it is not nearly all of the path, or may be a slide.
         slides : ndarray
-            Shape (rows,), bool: whether it may be a slide.
+            Shape (rows,), bool: whether it is nearly all of the path and may be a slide.
         """
         with np.errstate(invalid="ignore"):
             moves = np.minimum(np.abs(rims), np.abs(speed)) > MOVES
@@ -222,14 +230,14 @@ class Against:
 
 
 class _Start:
-    """Which share of the change of speed in the first start is felt by an imu that stood before it."""
+    """Estimates which share of the odometry's change of speed the imu feels in the vehicle's first start."""
 
     def __init__(self) -> None:
         self._drives, self._stood = False, np.zeros(3)
         self._changed, self._shares = np.zeros(2), np.zeros(2)
 
     def take(self, rims: Array, speed: Array, passed: Array, felt: Array) -> tuple[Array, Flags]:
-        """Share that is felt up to each row, 0 if unknown; and whether it may be known later.
+        """Estimate the share that is felt, from the rows up to each row.
 
         Parameters
         ----------
@@ -239,9 +247,9 @@ class _Start:
         Returns
         -------
         feels : ndarray
-            Shape (rows,): 1 for a speed of the right sign, -1 for one of the wrong sign.
+            Shape (rows,): 1 for a speed of the right sign, -1 for one of the wrong sign, 0 if unknown.
         waits : ndarray
-            Shape (rows,), bool.
+            Shape (rows,), bool: whether the start still goes on, so that it may be known later.
         """
         good = np.isfinite(rims + speed + felt)
         dt = np.where(good, passed, 0.0)
@@ -270,15 +278,16 @@ class _Start:
 
 
 def _onward(before: Array, rows: Array) -> Array:
-    """Running sums of rows that continue those before, which have the shape of a row; shape of the rows."""
+    """Running sums along the first axis that begin at `before`, of the shape of one row; shape of `rows`."""
     return np.cumsum(np.concatenate([before[None], rows]), axis=0)[1:]
 
 
 def _scatter(pieces: Array) -> float:
-    """By which share of the way the odometry is no multiple of the rims: straight on, or in turns.
+    """Smaller of the relative residuals of path and turn about a constant multiple of those of the rims.
 
-    That of the last pieces, or what is usual of all that are kept, whichever is larger: from the wheels it
-    is their multiple all the time, and an odometry of its own may be for some metres.
+    Of each the larger of the rms over the last `PIECES` and the spread over all pieces: an odometry that is
+    computed from the wheels is their multiple all the time, an independent one may be for some metres.
+    pieces: (pieces, 4), columns as in `OfWheels.take`. Infinite where both motions are too small.
     """
     found = np.inf
     for rims, moves in ((pieces[:, 0], pieces[:, 1]), (pieces[:, 2], pieces[:, 3])):

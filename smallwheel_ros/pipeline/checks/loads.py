@@ -31,7 +31,15 @@ SOFTEST, HARDEST = (
 
 
 class HeldColumn:
-    """Measures the path over which one wheel repeats a number bit for bit while most others keep changing."""
+    """Measures the path over which one wheel repeats a number bit for bit while most others keep changing.
+
+    Parameters
+    ----------
+    what
+        The quantity, `load` or `sinkage`.
+    vehicle
+        The wheels.
+    """
 
     def __init__(self, what: str, vehicle: CheckedWheels) -> None:
         self.what, self.names = what, vehicle.names
@@ -105,7 +113,10 @@ class Weight:
 
 
 class Swapped:
-    """Finds sinkages that follow the load of another wheel, by changes of ln of means over 0.2 m of path."""
+    """Finds pairs of wheels whose sinkages each follow the load of the other.
+
+    Changes of ln sinkage and ln load between means over successive 0.2 m of path are correlated.
+    """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, n = vehicle.names, len(vehicle.names)
@@ -175,7 +186,7 @@ class Swapped:
 
 
 class Impossible:
-    """Median sinkage while the vehicle moves: no wheel rolls above the ground or sunk past its axle."""
+    """Judges the median sinkage in motion: no wheel rolls above the ground, or sunk past its axle."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle
@@ -218,14 +229,14 @@ def impossible_soil(k: float, n: float, m: float, width: float) -> str:
     k
         Modulus, Pa m^-(n + m).
     n, m
-        Exponents of sinkage and size, 1.
+        Exponents of sinkage and of the wheel's width, 1.
     width
-        Width of the wheel, m.
+        Width b of the wheel, m.
 
     Returns
     -------
     str
-        In words; empty where a soil may have these numbers.
+        The reason, in words; empty where a soil may have these numbers.
     """
     with np.errstate(over="ignore"):
         pressure = float(np.float64(k) * np.float64(0.01) ** n * np.float64(width) ** m)

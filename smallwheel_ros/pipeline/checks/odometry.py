@@ -38,7 +38,7 @@ USUAL = 0.1  # rad: slopes on which vehicles stop, and mountings; in one heading
 
 
 class NoTwist:
-    """Path by the pose while every twist is 0."""
+    """Measures the path by the pose while every twist is 0."""
 
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
@@ -54,7 +54,7 @@ class NoTwist:
 
 
 class ZDown:
-    """Whether most rows of the imu have z pointing down; all rules then read its gyro turned over."""
+    """Reports an imu in most of whose rows z points down; all rules then use its gyro turned over."""
 
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
@@ -68,7 +68,13 @@ class ZDown:
 
 
 class RepeatedTwists:
-    """Path of the rims over messages that are, bit for bit, the same as the one before."""
+    """Measures the path of the rims while a source repeats one message bit for bit.
+
+    Parameters
+    ----------
+    source
+        Stream to be judged, that of the odometry or of the imu.
+    """
 
     def __init__(self, source: str) -> None:
         self.source, self.run = source, Run()
@@ -76,7 +82,7 @@ class RepeatedTwists:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        A source that is 0 throughout is not judged: none of its messages moves.
+        Spans in which the source shows nothing but 0 are skipped.
         """
         rows = window.imu if self.source == IMU else window.odometry
         if rows is None or window.rims is None or not np.nan_to_num(rows.x).any():
@@ -94,7 +100,7 @@ class RepeatedTwists:
 
 
 class OfWheelsRule:
-    """Whether the odometry is computed from the wheels; then no other rule uses it as evidence."""
+    """Reports an odometry that is computed from the wheels; no other rule then uses it as evidence."""
 
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
@@ -112,10 +118,10 @@ class OfWheelsRule:
 
 
 class Late:
-    """The lag at which changes of the odometry's speed over 0.5 s follow those of the rims best.
+    """Finds the lag at which changes of the odometry's speed over 0.5 s follow those of the rims best.
 
-    Where ground gives way as the wheels start, slip grows while the speed does. That looks like a lag, too,
-    and the speed changes by far less than that of the rims: then the rule cannot tell.
+    Where ground gives way as the wheels start, slip grows together with the speed. That looks like a lag,
+    too, but the speed then changes by far less than that of the rims, and the rule does not report.
     """
 
     FOLLOWS = 0.75  # of the rims' changes; of less, slip is the usual reason
@@ -130,7 +136,7 @@ class Late:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        Products are summed for each lag, while the wheels of each side agree: a spinning one runs ahead.
+        Rows on which the wheels of a side differ are left out: one that spins runs ahead of the speed.
         """
         moves, step = window.moves, self.STEP
         if window.rims is None or len(moves.t) < 3 or window.memory.known.of_wheels:
@@ -172,7 +178,7 @@ class Late:
 
 
 def _smoothed(values: Array, count: int) -> Array:
-    """Means of so many samples about each; NaN at the ends."""
+    """Moving mean over an odd number of samples centred on each; NaN at the ends."""
     found = np.full(values.size, np.nan)
     edge = count // 2
     found[edge:-edge] = np.lib.stride_tricks.sliding_window_view(values, count).mean(axis=1)
@@ -180,7 +186,7 @@ def _smoothed(values: Array, count: int) -> Array:
 
 
 class Jumps:
-    """Steps of the pose that match neither its own speed nor that of any wheel."""
+    """Counts steps of the pose that are too long for the odometry's own speed and for that of any wheel."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.count, self.most = 0, 0.0
@@ -211,7 +217,7 @@ class Jumps:
 
 
 class FeltGravity:
-    """Magnitude of the imu's mean specific force, over all of its rows."""
+    """Compares the magnitude of the imu's mean specific force, over all of its rows, with gravity."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self._gravity = vehicle.gravity
@@ -237,10 +243,11 @@ class FeltGravity:
 
 
 class Tilt:
-    """Compares the tilt that the imu shows at standstills: a zero turns with the vehicle, a slope does not.
+    """Estimates the mounting tilt of the imu from standstills at different headings.
 
-    Model: ahead = e cos a + n sin a + p, left = n cos a - e sin a + r (e, n: slope of the ground; p, r:
-    zeros of the imu; a: heading), fitted by least squares with prior deviations `USUAL`.
+    A zero error turns with the vehicle, a slope of the ground does not. Model: ahead = e cos a + n sin a + p,
+    left = n cos a - e sin a + r (e, n: slope of the ground; p, r: zero errors of the imu, rad; a: heading),
+    fitted by least squares with prior deviations `USUAL`.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:

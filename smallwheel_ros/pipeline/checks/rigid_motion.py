@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a rigid vehicle moves by the speeds of its rims, where its wheels are steered.
+"""Motion of a rigid vehicle with steered wheels, from the speeds of its rims.
 
 A wheel at (x, y) that points d to the left and rolls with its rim's speed u without slip:
 
     u = vx cos d + vy sin d + w (x sin d - y cos d)       along its heading
     0 = vy cos d - vx sin d + w (x cos d + y sin d)       across it
 
-The rigid motion (vx, vy, w) is the least-squares solution of both equations over all wheels ( Muir
+The rigid motion (vx, vy, w) is the least-squares solution of both equations over all wheels (Muir
 and Neuman 1987, "Kinematic modeling of wheeled mobile robots"), with the lower ones at half the
 weight. Rims alone do not determine the sideways speed of wheels that all point nearly the same way:
 slips that differ by 0.06 gave an error of half of the speed.
@@ -19,28 +19,29 @@ import numpy as np
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.tables import Array
 
-# Of what rims are off by (slips differ by 0.06), over what wheels go aside by (slip angles of 0.1 rad).
+# Weight of sideways speeds: errors of rims (slips differ by 0.06) over those of directions (slip angles of
+# 0.1 rad).
 ACROSS = 0.5
 
 
 def places_of(
     wheels: tuple[Wheel, ...], angle: Array, arm: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the places of wheels, ahead and to the left of the base frame (m), at steering angles.
+    """Compute the positions of wheels in the base frame at given steering angles.
 
     Parameters
     ----------
     wheels
-        The wheels, with the places that they have when they point straight ahead.
+        The wheels, with their positions when they point straight ahead.
     angle
-        Steering angles, shape (wheels, instants), rad.
+        Steering angles, positive to the left, shape (wheels, instants), rad.
     arm
-        How far the middle of each wheel is to the left of its steering axis, shape (wheels,), m; None: 0.
+        Distance of each wheel's middle to the left of its steering axis, shape (wheels,), m; None: 0.
 
     Returns
     -------
     x, y : ndarray
-        Shape (wheels, instants), m.
+        Shape (wheels, instants), m, ahead and to the left of the base frame.
     """
     x, y = (
         np.array([getattr(wheel, name) for wheel in wheels])[:, None] + 0.0 * angle
@@ -53,56 +54,57 @@ def places_of(
 
 
 def rows_along(x: Array, y: Array, angle: Array) -> Array:
-    """Coefficients of (vx, vy, w) in a wheel's speed along its heading.
+    """Coefficients of the rigid motion (vx, vy, w) in a wheel's speed along its heading.
 
     Parameters
     ----------
     x, y
-        Place of the wheel, m, any shape.
+        Position of the wheel, m; shapes that broadcast with that of `angle`.
     angle
-        Its steering angle, rad.
+        Its steering angle, positive to the left, rad.
 
     Returns
     -------
     ndarray
-        Shape (..., 3): 1, 1, m.
+        Shape (..., 3): factors of vx (1), of vy (1) and of the yaw rate w (m).
     """
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([cosine, sine, x * sine - y * cosine], axis=-1)
 
 
 def rows_across(x: Array, y: Array, angle: Array) -> Array:
-    """Coefficients of (vx, vy, w) in a wheel's speed to the left of its heading.
+    """Coefficients of the rigid motion (vx, vy, w) in a wheel's speed to the left of its heading.
 
     Parameters
     ----------
     x, y
-        Place of the wheel, m, any shape.
+        Position of the wheel, m; shapes that broadcast with that of `angle`.
     angle
-        Its steering angle, rad.
+        Its steering angle, positive to the left, rad.
 
     Returns
     -------
     ndarray
-        Shape (..., 3): 1, 1, m.
+        Shape (..., 3): factors of vx (1), of vy (1) and of the yaw rate w (m).
     """
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([-sine, cosine, x * cosine + y * sine], axis=-1)
 
 
 def rigid_motion(rims: Array, x: Array, y: Array, angle: Array) -> Array:
-    """Return the rigid motion that fits the rims best.
+    """Fit the motion of the vehicle as a rigid body to the speeds of its rims, by least squares.
 
     Parameters
     ----------
     rims
-        Speeds of the rims, m/s, shape (wheels, instants); a wheel whose rim or angle is NaN does not count.
+        Speeds of the rims, shape (wheels, instants), m/s; a wheel whose rim or angle is NaN does not count.
     x, y, angle
-        Place (m) and angle (rad) of each wheel, of the same shape.
+        Position (m) and steering angle (rad) of each wheel, of the same shape.
 
     Returns
     -------
-    vx, vy (m/s) and w (rad/s), shape (3, instants); NaN where fewer than two wheels are known.
+    ndarray
+        Shape (3, instants): vx, vy (m/s) and yaw rate w (rad/s); NaN where fewer than two wheels are known.
     """
     known = np.isfinite(rims) & np.isfinite(angle)
     rows = rows_along(x, y, angle), ACROSS * rows_across(x, y, angle)

@@ -38,7 +38,8 @@ class Mirrored:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        Wheels that turn on the spot or spin are not judged.
+        Only straight rows on which the wheel turns count. If all wheels turn against the travel the odometry
+        is reported, except where the vehicle may slide down a slope.
         """
         m = window.motion
         if m is not None:
@@ -70,7 +71,7 @@ class Mirrored:
 
 
 class Dead:
-    """Path over which a joint shows exactly 0 on straight rows on which most others roll."""
+    """Measures the path over which a joint shows exactly 0 on straight rows on which most others roll."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
@@ -98,7 +99,7 @@ class Dead:
 
 
 class Held:
-    """How often most other joints change while one repeats the same value, not 0, bit for bit.
+    """Counts how often most other joints change while one repeats a value other than 0 bit for bit.
 
     Two kinds of values are excused: the largest one seen, if joints of both sides have shown it, since it is
     then a limit of the motor drivers; and one that another joint repeats bit for bit at the same time.
@@ -143,7 +144,7 @@ class Held:
 
 
 class TurnRule:
-    """Wheels, gyro and odometry each show the direction of turning: two outvote the third."""
+    """Compares the direction of turning by wheels, gyro and odometry: two outvote the third."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle
@@ -185,7 +186,8 @@ class TurnRule:
                 "it turns the other way than the others (wheels, gyro, odometry): check how the"
                 " imu is mounted, the frame of the odometry, and the joints of left and right"
             )
-            # Where nothing decides between imu and wheels, the wheels are all that tells of the motion.
+            # Where nothing decides between imu and wheels, the imu is doubted: without the wheels no motion
+            # is known.
             named = {"imu": IMU, "odometry": ODOMETRY, "imu or wheels": IMU}
             doubts: tuple[str, ...] = (named[subject],) if subject in named else ()
             return [Said(subject, both, text, doubts, taught=bool(doubts))]
@@ -202,7 +204,7 @@ class TurnRule:
 
 
 class AnotherUnit:
-    """Ratio of the rims' path to the odometry's from the beginning of the drive.
+    """Compares the path of the rims with that of the odometry, to find joints in another unit.
 
     A wrong unit gives the same ratio from the first metre to the last, and slip does not: one piece of
     path with an ordinary ratio rules out a wrong unit for the rest of the drive.
@@ -215,8 +217,7 @@ class AnotherUnit:
     def take(self, window: Window) -> list[Said]:
         """Process a span; return what the rule reports.
 
-        Only joints whose speeds come without positions are judged: there is nothing else to compare these
-        with.
+        Velocities that contradict the positions of their joint have been refused already (`VelocityUnit`).
         """
         m, known = window.motion, window.memory.known
         if m is None or self.ordinary or known.of_wheels or ODOMETRY in window.memory.doubted:
@@ -236,7 +237,7 @@ class AnotherUnit:
         units = {**UNITS_OF_TURNING, "m/s at the rim": float(self.vehicle.radius.mean())}
         least, most = _UNIT_NEAR
         near = [u for u, f in units.items() if least < middle / f < most]
-        # Wheels that spin on the spot are over it, too; that driven ones skid so is not known.
+        # Wheels that spin on the spot exceed 1 as well; driven wheels do not skid by so much.
         if scatter > UNIT_SCATTER * middle or (middle > 1.0 and not near):
             return []
         if middle > 1.0 and len(ratio) < UNIT_SURE:
@@ -251,7 +252,7 @@ class AnotherUnit:
 
 
 class RollingAll:
-    """Ratio of each rim's path to the odometry's on straight, level metres."""
+    """Compares the path of the rims with that of the odometry on straight, level metres."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.y, n = vehicle.y, len(vehicle.names)
@@ -271,12 +272,12 @@ class RollingAll:
             self.felt, self.count = self.felt + float(felt.sum()), self.count + felt.size
         if m is None:
             return []
-        if ODOMETRY in window.memory.doubted:  # what was named is no witness, nor was it before
+        if ODOMETRY in window.memory.doubted:  # it is no evidence, nor was it before
             self.pieces = Pieces(ROLL_PIECE, 2 * n)
             return []
-        # Rows are chosen by the rims alone, so that errors of the speed cancel over a metre, as in a chord:
-        # where a noisy speed chooses, those rows are taken in which it is too large. Rims that stand while a
-        # late odometry still moves are left out, as those are that start before it.
+        # Rows are chosen by the rims alone, so that errors of the speed cancel over a metre: choosing by a
+        # noisy speed would prefer rows in which it is too large. Rows on which the rims stand while a late
+        # odometry still moves are left out, as are those on which the rims start before it.
         way, yaw = np.median(m.rim, axis=1), np.fmax(np.abs(m.w), np.abs(m.gyro))
         turns, straight = np.abs(way) > MOVES, yaw * self.half < STRAIGHT * np.abs(way)
         known = np.isfinite(m.rim).all(axis=1) & np.isfinite(m.v)
@@ -307,7 +308,7 @@ class RollingAll:
 
 
 class RollingPair:
-    """Ratio of a rim's path to that of another rim on its side, metre by metre; bends cancel."""
+    """Compares the paths of two rims of one side metre by metre, to find a wrong diameter; bends cancel."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         n, self.names = len(vehicle.names), vehicle.names

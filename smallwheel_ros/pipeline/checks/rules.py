@@ -101,10 +101,10 @@ from .window import AROUND, SPAN, CheckedWheels, Memory, Raw, Window
 
 
 class Judge(Protocol):
-    """A rule applied to one vehicle: it processes one span after the other."""
+    """A rule as it runs on one vehicle: it processes one span of 2 s after the other."""
 
     def take(self, window: Window) -> list[Said]:
-        """What the rule reports at the end of this span."""
+        """Process a span, and return every fault that the rule reports at its end."""
 
 
 @dataclass(frozen=True)
@@ -113,12 +113,14 @@ class Rule:
 
     Attributes
     ----------
+    name
+        Name of the rule in findings and in docs/checks.md.
     rows
         In words, the rows that it uses.
     statistic
         In words, what it computes from these rows.
     limit
-        Value of the statistic beyond which it reports.
+        In words, the value of the statistic beyond which it reports.
     reason
         Why that limit; includes the largest value on a drive whose sensors were all good.
     says
@@ -136,8 +138,8 @@ class Rule:
     starts: Callable[[CheckedWheels], Judge]
 
 
-# Those that other rules hear of come first: what is no witness is an odometry that is made of the wheels,
-# repeats or has just jumped; an imu that looks down is turned over.
+# Rules whose result other rules use come first: an odometry that is computed from the wheels, repeats or has
+# just jumped is no evidence; an imu that looks down is turned over.
 RULES: tuple[Rule, ...] = (
     Rule(
         "of wheels",
@@ -346,7 +348,7 @@ RULES: tuple[Rule, ...] = (
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault that a rule reports.
+    """A fault of a sensor that a rule has reported.
 
     Attributes
     ----------
@@ -367,17 +369,27 @@ class Finding:
 class Checks:
     """Applies the rules to one vehicle.
 
+    Parameters
+    ----------
+    settings
+        Settings of the vehicle.
+    ground
+        What has been learnt of odometry and imu; it must be up to date before the rules judge.
+    doubts
+        Record to which doubts are added; None: a new one.
+
     Attributes
     ----------
     doubted
-        Streams that are not to be used now, each with the stamp from which this holds, ns; 0: the beginning.
+        Streams that are not to be used now, each with the stamp at which its fault began, ns; 0: with the
+        drive.
     anew
         Stamps (ns) at which the soil is learnt anew, because a stream that it was learnt from turned
-        out to have been wrong from the beginning; one stamp for each such stream.
+        out to have been wrong from the beginning.
     done
         Stamp (ns) up to which raw rows were taken.
     holds
-        Faults that the rules report in the newest span.
+        Faults that the rules report at the end of the newest span of 2 s, new or not.
     """
 
     def __init__(
@@ -395,37 +407,40 @@ class Checks:
         self._said: set[tuple[str, str]] = set()
 
     def take(self, raw: Raw, until: int) -> list[Finding]:
-        """Process raw rows.
+        """Keep new raw rows, and judge all spans that are complete.
 
         Parameters
         ----------
         raw
-            Rows of each stream.
+            New rows by stream: stamps (ns) and values (rows, width).
         until
-            Stamp up to which all rows have come, ns.
+            Stamp up to which all rows have arrived, ns.
 
         Returns
         -------
         list of Finding
-            New findings, each given once.
+            Faults that were not reported before.
         """
         self.keep(raw)
         return self.judge(until)
 
     def judge(self, until: int) -> list[Finding]:
-        """Judge all spans of the rows kept, up to a stamp (ns) up to which all rows have arrived."""
+        """Judge all complete spans of the kept rows; return faults that were not reported before.
+
+        until: stamp up to which all rows have arrived, ns.
+        """
         self.done = max(self.done, until)
         return self._judge(until - AROUND)
 
     def flush(self) -> list[Finding]:
-        """Judge the rows left over, at the end of a drive."""
+        """Judge the rows left over at the end of a drive; return faults that were not reported before."""
         newest = max(
             (int(stamps[-1]) for stamps, _ in self._rows.values() if stamps.size), default=NEVER
         )
         return self._judge(newest + SPAN + 1) if newest > NEVER else []
 
     def keep(self, raw: Raw) -> None:
-        """Keep raw rows of each stream until they are judged."""
+        """Keep new raw rows until they are judged; by stream, stamps (ns) and values (rows, width)."""
         for name, (stamps, values) in raw.items():
             if not stamps.size:
                 continue
@@ -435,7 +450,7 @@ class Checks:
             self._rows[name] = stamps, values
 
     def _judge(self, until: int) -> list[Finding]:
-        """Take all spans that end at or before a stamp."""
+        """Judge all spans that end at or before a stamp (ns), and drop rows that are no longer needed."""
         found: list[Finding] = []
         if not self.vehicle.names:
             self._rows.clear()
@@ -489,7 +504,7 @@ class Checks:
 
 
 def _words(said: Said, begin: int) -> str:
-    """With since when, where it has not been so from the beginning."""
+    """Text of a finding, with the duration of a fault that has not been there from the beginning."""
     if math.isnan(said.since):
         dropped = "; what the soil has learnt until then is dropped" if said.taught else ""
         return f"{said.subject}: {said.text}{dropped}"

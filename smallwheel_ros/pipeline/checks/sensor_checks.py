@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stage of the checks: raw rows in, what is believed of them out.
+"""The stage of the checks: raw rows in, believed rows out.
 
     RawRows -> ground speed and imu, and rules, span by span (2 s) -> doubts -> BelievedRows
 
@@ -29,8 +29,14 @@ class SensorChecks:
 
     Attributes
     ----------
+    doubts
+        Doubts recorded so far.
+    ground
+        What has been learnt of ground speed and imu.
+    done
+        Stamp up to which rows have been processed, ns.
     findings
-        Faults found in the newest rows, each given once.
+        Faults that the newest call of `take` reported for the first time.
     """
 
     def __init__(self, settings: OnboardSettings) -> None:
@@ -48,14 +54,19 @@ class SensorChecks:
         return self.done - self._kept
 
     def take(self, raw: RawRows, *, last: bool = False) -> BelievedRows:
-        """Process the rows that arrived.
+        """Check the rows that arrived since the last call.
 
         Parameters
         ----------
         raw
-            Rows of each stream.
+            Rows of each stream, from `looks_back` on.
         last
             Whether no more rows will come: the newest speed is then held to the end.
+
+        Returns
+        -------
+        BelievedRows
+            All rows with their doubts; the new ones lie in its (since, done].
         """
         oldest = self.looks_back
         self.doubts.forget(oldest)

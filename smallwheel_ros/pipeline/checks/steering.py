@@ -39,12 +39,18 @@ _NOTHING = 1e-12  # m^2/s^2: of signs that have no part in how the vehicle moves
 
 
 class SteeringSign:
-    """Compares, for sets of wheels, the residual that reversed signs remove with that expected of right ones.
+    """Finds wheels whose steering angle has the wrong sign, by the fit of a rigid motion.
+
+    For each set of steered wheels it compares the residual that is removed by reversing their signs with the
+    one that this would remove if they were wrong.
 
     Attributes
     ----------
+    sets
+        Sets of steered wheels, as indices; the first is empty.
     removed, expected
-        Squares of the residual that was removed and of that expected, summed over spans, m^2/s^2.
+        Residual sums of squares that were removed, and that would be if the signs were wrong, by set, summed
+        over spans, shape (sets,), m^2/s^2.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
@@ -109,13 +115,13 @@ class SteeringSign:
         self.spans += 1
 
     def _design(self, angles: Array, seen: Array) -> Array:
-        """Rows of what is compared to a rigid motion, (instants, rows, 3)."""
+        """Coefficients of (vx, vy, w) in all that is compared with a rigid motion, (instants, rows, 3)."""
         x, y = self.vehicle.x, self.vehicle.y
         parts = rows_along(x, y, angles), ACROSS * rows_across(x, y, angles), seen
         return np.concatenate(parts, axis=1)
 
     def _share(self, k: int) -> tuple[float, float]:
-        """Return what a set removes over what it should, and the standard error of that by spans.
+        """Return the ratio of removed to expected residual of set k, and its standard error over spans.
 
         Source: Cochran 1977, "Sampling Techniques", 6.4 (a ratio of sums).
         """
@@ -152,7 +158,7 @@ class SteeringSign:
 
 
 def _nearest(design: Array, shown: Array) -> Array:
-    """What the rigid motion nearest to rows that are shown (instants, rows) makes of these rows."""
+    """Values of the rows by the rigid motion that fits `shown` best, both (instants, rows)."""
     normal = np.einsum("tri,trj->tij", design, design)
     right = np.einsum("tri,tr->ti", design, shown)
     best = np.linalg.solve(normal, right[..., None])[..., 0]

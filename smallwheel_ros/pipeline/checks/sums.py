@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Running quantities that the rules of `checks` keep from span to span.
+"""Running quantities that the rules of `checks` keep from span to span; a span is 2 s of stamps (`window`).
 
 All are bounded: nothing grows with the drive.
 """
@@ -15,7 +15,9 @@ from scipy.special import erf, ndtri
 from smallwheel_ros.pipeline.tables import Array, Flags
 
 MOST_PIECES = 400  # that are kept: what a tyre or a zero was long ago does not count
-WITHIN = 0.8  # of the sizes: a third are touched where every ninth reading of three is far off
+# Share of the sizes that the quantile takes in: an error combines three readings, so one bad reading in nine
+# spoils a third of the errors.
+WITHIN = 0.8
 _OF_NORMAL = float(
     ndtri(0.5 + 0.5 * WITHIN)
 )  # deviations within which so many are, of normal errors
@@ -25,18 +27,20 @@ MOST_SPANS = 300  # medians of spans that are kept: ten minutes
 
 @dataclass(frozen=True)
 class Said:
-    """What a rule reports at present.
+    """A fault that a rule reports at the end of a span of 2 s.
 
     Attributes
     ----------
     subject
-        A wheel, or a source.
+        The wheel or the source at fault.
     value
-        Value of the statistic.
+        Value of the rule's statistic, in its unit.
+    text
+        What is wrong and what to do, in words.
     doubts
         Streams that are not to be used.
     since
-        Time at which the fault began, s from the beginning of the span; NaN: from the beginning of the drive.
+        Stamp at which the fault began, s; NaN: it has been there from the beginning of the drive.
     places
         Whether the positions in these streams stay in use, so that only their speeds are doubted.
     taught
@@ -58,11 +62,11 @@ class Run:
     Attributes
     ----------
     now
-        The sum at the last row.
+        The sum at the last row; 0 if that is not flagged.
     most
         The largest sum within the last span.
     began
-        Stamp of the first row in that sum, s.
+        Stamp of the first row in `most`, s; NaN if `most` is 0.
     """
 
     def __init__(self) -> None:
@@ -75,11 +79,11 @@ class Run:
         Parameters
         ----------
         flag
-            Mask of the rows that count, shape (rows,).
+            Mask of the rows that count, shape (rows,); any other row ends the sum.
         amount
-            Amount to be summed, shape (rows,).
+            Amount to be summed, 0 or more, shape (rows,).
         time
-            Shape (rows,), s.
+            Stamps of the rows, shape (rows,), s.
         """
         if not flag.size:
             self.most = self.now
@@ -99,7 +103,14 @@ class Run:
 class Pieces:
     """Sums of columns over pieces of path; a row belongs to the piece in which it ends.
 
-    The newest `MOST_PIECES` are kept.
+    The newest `MOST_PIECES` pieces are kept.
+
+    Parameters
+    ----------
+    metres
+        Length of a piece, m.
+    columns
+        Number of columns.
     """
 
     def __init__(self, metres: float, columns: int) -> None:
@@ -113,9 +124,9 @@ class Pieces:
         Parameters
         ----------
         way
-            Path at each row, shape (rows,), m.
+            Path that each row adds, 0 or more, shape (rows,), m.
         columns
-            Amounts to be summed, shape (rows, columns).
+            Amounts to be summed, shape (rows, columns), any units.
         """
         if not way.size:
             return
@@ -138,7 +149,14 @@ class Pieces:
 
 
 class RunningAgreement:
-    """Correlation about 0 of two rates, weighted by time; 0 until the second has added up to `least`."""
+    """Correlation about 0 of two rates, weighted by time.
+
+    Parameters
+    ----------
+    least
+        Integral of the second rate's magnitude up to which the correlation counts as 0, in the unit of that
+        rate times s.
+    """
 
     def __init__(self, least: float) -> None:
         self.least = least
@@ -150,7 +168,7 @@ class RunningAgreement:
         Parameters
         ----------
         a, b
-            The two rates, shape (rows,), in one unit.
+            The two rates, shape (rows,), any units.
         dt
             Time for which each row counts, shape (rows,), s.
         """
@@ -160,7 +178,7 @@ class RunningAgreement:
 
     @property
     def value(self) -> float:
-        """The correlation, -1 to 1."""
+        """The correlation, -1 to 1; 0 before the second rate has added up to `least`."""
         both, first, second, way, turned = self._sums
         return float(both / np.sqrt(first * second)) if turned > self.least and way > 0.0 else 0.0
 
@@ -170,25 +188,30 @@ class RunningDeviation:
 
     Errors of odometries have heavier tails than normal ones: the few worst would dominate a mean of squares.
     Sizes are counted in bins, each 1.2 times as large as the one before, so that the result at a row depends
-    on all rows before it, and not on where blocks are cut.
+    on all rows up to it, and not on where blocks are cut.
+
+    Parameters
+    ----------
+    count
+        Number of errors that the deviation assumed beforehand counts for.
     """
 
     def __init__(self, count: float) -> None:
-        """count: sizes that what was known before counts for."""
+        """Begin without any error; see the class."""
         self._prior = count
         self._counts = np.zeros(_EDGES.size + 1)
 
     def take(self, good: Flags, sizes: Array, before: Array) -> Array:
-        """Deviation at each row by the good sizes up to it.
+        """Standard deviation at each row, from the errors up to it.
 
         Parameters
         ----------
         good
             Mask of the rows that count, shape (rows,).
         sizes
-            Absolute errors, shape (rows,).
+            Absolute errors, shape (rows,), any unit.
         before
-            Deviation to assume before any error has come, shape (rows,), above 0, same unit.
+            Deviation that is assumed as long as there are no errors, shape (rows,), above 0, same unit.
 
         Returns
         -------
@@ -212,13 +235,19 @@ class RunningDeviation:
 
 
 class Medians:
-    """Keeps the median of each of the newest `most` spans, and returns the median of these, by column."""
+    """Median of each column over a drive, as the median of medians of spans.
+
+    Parameters
+    ----------
+    most
+        Number of the newest spans that are kept.
+    """
 
     def __init__(self, most: int = MOST_SPANS) -> None:
         self._rows: deque[Array] = deque(maxlen=most)
 
     def extend(self, values: Array) -> None:
-        """Go on with the rows of a span, (rows, columns); those with NaN are left out."""
+        """Add the rows of a span, (rows, columns); those with any NaN are left out."""
         good = values[np.isfinite(values).all(axis=1)]
         if len(good):
             self._rows.append(np.median(good, axis=0))
@@ -228,11 +257,11 @@ class Medians:
 
     @property
     def value(self) -> Array:
-        """The median of each column; there must have been a span."""
+        """The median of each column, (columns,); at least one span must have been added."""
         return np.asarray(np.median(np.array(self._rows), axis=0))
 
 
 def robust(values: Array) -> tuple[float, float]:
-    """Median, and the standard deviation estimated from the median distance to it."""
+    """Median of values, and their standard deviation estimated as 1.4826 times the median distance to it."""
     middle = float(np.median(values))
     return middle, 1.4826 * float(np.median(np.abs(values - middle)))

@@ -32,13 +32,16 @@ _LONGEST = 2.0  # s between two speeds: some odometries send one a second
 _UNFELT = 0.5
 # Deviations of e, which are what 0.8 of its sizes keep to; heavy tails, as in the warning.
 _SURELY = 3.0
-# s: directions of up are off by half a degree on bumps, and what is compared is the change of a second.
+# rad s: directions of up are off by half a degree on bumps, and changes over a second are compared.
 _LEAST = math.radians(0.5) * 1.0
 _COUNT = 3  # readings that `_LEAST` counts for before any
 
 
 class InertialSpeed:
-    """Speed ahead by the imu alone, from 0, with all of its drift: the integral of a - g sin(slope)."""
+    """Speed ahead by integration of the imu alone, from 0, with its drift: the integral of a - g sin(slope).
+
+    Without an orientation the slope is integrated from the pitch rate.
+    """
 
     def __init__(self, gravity: float) -> None:
         self._gravity = gravity
@@ -47,19 +50,19 @@ class InertialSpeed:
         self._pitches = False  # whether a pitch rate has ever been anything but 0
 
     def take(self, stamps: Integers, felt: Array) -> Array:
-        """Speed at each row of the imu.
+        """Integrate the speed up to each row of the imu.
 
         Parameters
         ----------
         stamps
             Shape (rows,), ns, rising.
         felt
-            Rows of the imu, z up, shape (rows, 8).
+            Rows of the imu in axes with z up, shape (rows, 8): the first columns of `BelievedRows.felt`.
 
         Returns
         -------
         ndarray
-            Shape (rows,), m/s; NaN where neither an orientation nor a pitch rate tells how gravity turns.
+            Shape (rows,), m/s; NaN where neither an orientation nor a pitch rate shows the slope.
         """
         before = np.concatenate([stamps[:1] if self._stamp is None else [self._stamp], stamps[:-1]])
         seconds = (stamps - before) / SECOND
@@ -77,7 +80,7 @@ class InertialSpeed:
 
 
 class Unfelt:
-    """Whether the last change of the ground speed is one that the imu did not feel."""
+    """Detects changes of the ground speed that the imu does not feel."""
 
     def __init__(self, gravity: float) -> None:
         self._least = gravity * _LEAST
@@ -86,21 +89,21 @@ class Unfelt:
         self._zero = self._drift = 0.0
 
     def take(self, stamps: Integers, speed: Array, earlier: Array, inertial: Array) -> Flags:
-        """Judge messages in their order.
+        """Judge the messages of a speed in their order.
 
         Parameters
         ----------
         stamps
-            Shape (rows,), ns, at which the speeds hold.
+            Stamps at which the speeds hold, shape (rows,), ns.
         speed, earlier
-            Speed over ground now and a second before, shape (rows,), m/s; NaN: unknown.
+            Speed over ground at these stamps and a second before, shape (rows,), m/s; NaN: unknown.
         inertial
-            By `InertialSpeed`, as long ago as the ground speed comes late, shape (rows,), m/s.
+            Speed of `InertialSpeed` at these stamps less the delay of the ground speed, shape (rows,), m/s.
 
         Returns
         -------
         ndarray
-            Shape (rows,), bool.
+            Shape (rows,), bool: True where the imu did not feel the last change of the speed.
         """
         off: Array = np.empty(stamps.size)
         rows = zip(stamps.tolist(), speed.tolist(), inertial.tolist(), strict=True)
@@ -115,7 +118,10 @@ class Unfelt:
             return np.asarray(unfelt & (np.abs(off) > _SURELY * np.maximum(spread, least)))
 
     def _missed(self, stamp: int, speed: float, inertial: float) -> float:
-        """By how much (m/s) the speed is off what the imu makes of those before; NaN: not known yet."""
+        """Innovation e (m/s) of the observer at a message; NaN until the observer has settled.
+
+        stamp: ns. speed, inertial: as in `take`, m/s.
+        """
         seconds = (stamp - self._stamp) / SECOND
         felt = inertial - self._inertial
         self._stamp, self._inertial = stamp, inertial

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rows that the rules of `checks` use: all sources over a short, fixed span of time.
+"""The rows that the rules of `checks` use: those of all sources over a span of 2 s, and around it.
 
 A span begins at a multiple of `SPAN` and is judged once all rows up to `AROUND` after its end have arrived.
 A rule therefore gets the same rows in the same portions, however the messages were cut into blocks.
@@ -40,10 +40,12 @@ class CheckedWheels:
 
     Attributes
     ----------
+    names
+        Names of the wheels.
     x, y
-        Places ahead and to the left of the base frame, m.
+        Positions ahead and to the left of the base frame, m.
     radius
-        m.
+        Radii of the wheels, m.
     mass
         Mass of the vehicle, kg; 0: not known.
     gravity
@@ -81,31 +83,39 @@ class CheckedWheels:
 
 @dataclass(frozen=True)
 class Rows:
-    """Times (s from the beginning of the span) and values (rows, columns) of one source."""
+    """Rows of one source.
+
+    Attributes
+    ----------
+    t
+        Times from the beginning of the span, rising, shape (rows,), s.
+    x
+        Values, shape (rows, columns), SI.
+    """
 
     t: Array
     x: Array
 
     @property
     def held(self) -> Array:
-        """How long each row is valid, s; 0 before a gap."""
+        """Time until the next row, s, (rows,); 0 before a gap of more than `GAP`, and for the last row."""
         dt = np.diff(self.t, append=self.t[-1:])
         return np.where(dt > GAP, 0.0, dt)
 
     def at(self, t: Array, column: int) -> Array:
-        """A column, interpolated linearly.
+        """Interpolate a column linearly.
 
         Parameters
         ----------
         t
-            Shape (times,), s.
+            Times from the beginning of the span, shape (times,), s.
         column
-            Number of the column.
+            Index of the column.
 
         Returns
         -------
         ndarray
-            Shape (times,); NaN over a gap and outside.
+            Shape (times,); NaN between rows more than 1 s apart, and outside of all rows.
         """
         if len(self.t) < 2:
             return np.full(t.size, np.nan)
@@ -116,20 +126,22 @@ class Rows:
 
 @dataclass(frozen=True)
 class Source(Rows):
-    """Rows of one source, with all that rules read of each row.
+    """Rows of one source, with what the rules need of each row; shape (rows,) unless stated.
 
     Attributes
     ----------
+    t, x
+        Times and values as in `Rows`.
     stamp
-        s, shape (rows,).
+        Stamp, s.
     dt
-        How long a row is valid, s; 0 before a gap.
+        Time until the next row, s; 0 before a gap.
     inside
-        Whether it lies in the span itself.
+        Whether the row lies in the span itself, not only around it.
     changes
-        Mask of the values that differ, bit for bit, from the row before, (rows, columns); NaN is no value.
+        Mask of the values that differ, bit for bit, from the row before, (rows, columns); False for NaN.
     same
-        Whether the whole row is, bit for bit, the one before.
+        Whether the whole row equals, bit for bit, the one before.
     stale
         Whether it has repeated an older row for longer than `GAP`, so that it is no evidence.
     rims
@@ -154,11 +166,18 @@ class Source(Rows):
         Parameters
         ----------
         rows
-            Rows of the source.
+            Rows of the source, in the span and around it.
         begin
             Beginning of the span, ns.
-        rims, way
-            Speeds (m/s) and path (m) of the rims at these rows.
+        rims
+            Speeds of the rims at these rows, shape (rows, wheels), m/s.
+        way
+            Path of the rims from the beginning of the drive, shape (rows,), m.
+
+        Returns
+        -------
+        Source
+            The rows, as many as were given.
         """
         t, x = rows.t, rows.x
         before = np.vstack([x[:1], x[:-1]])
@@ -173,22 +192,23 @@ class Source(Rows):
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of odometry and imu, for the rules that report it.
+    """What `GroundSpeed` has learnt of odometry and imu, for the rules that report it.
 
     Attributes
     ----------
     share
-        For an odometry computed from the wheels, share of the way by which it differs from a multiple of the
-        rims'; NaN for an independent one.
+        For an odometry computed from the wheels, relative difference of its path from a constant multiple of
+        that of the rims; NaN for an independent one.
     no_twist
         Distance by the pose while every twist was 0, m; NaN once one was not.
     down
         Whether z of the imu points down.
     against
-        Distance over which the speed goes against the rims, m, if that is nearly all of the distance; else 0.
+        Distance over which the odometry goes against the rims, m, if that is nearly all of its path and no
+        slide; else 0.
     slides
-        Whether it goes against the rims over nearly all of the distance, but the vehicle may be sliding down
-        a slope.
+        Whether the speed goes against the rims over nearly all of its path, but the vehicle may be sliding
+        down a slope.
     """
 
     share: float = math.nan
@@ -210,16 +230,16 @@ class Known:
 
 @dataclass
 class Memory:
-    """What earlier spans have shown, as far as the rules need it for this span.
+    """What earlier spans have shown, as far as the rules need it for the present span.
 
     Attributes
     ----------
     known
-        What is known of odometry and imu.
+        What is known of odometry and imu at the end of the span.
     turns
         Whether the odometry ever had a yaw rate other than 0.
     way
-        Path of the rims up to the span, m.
+        Path of the rims up to the beginning of the span, m.
     doubted
         Streams that earlier rules of the table have reported in this span.
     """
@@ -231,18 +251,34 @@ class Memory:
 
 
 class Window:
-    """The rows of all sources in a span and around it; a source without rows is None.
+    """The rows of all sources in a span and around it; those of a source with fewer than three are None.
 
     Parameters
     ----------
     vehicle
         The wheels.
     raw
-        Rows of each stream.
+        Rows by stream: stamps (ns) and values (rows, width).
     begin
         Stamp at which the span begins, ns.
     memory
-        What earlier spans have shown.
+        What earlier spans have shown; its `turns` is updated.
+
+    Attributes
+    ----------
+    rims, loads, sinkages
+        Rim speeds (m/s), loads (N) and sinkages (m), a column for each wheel, NaN where one has no row.
+    imu
+        Yaw rate (rad/s) and specific force ahead, left and up (m/s^2).
+    odometry
+        Speed (m/s), yaw rate (rad/s), x and y (m), cosine and sine of the heading.
+    velocity
+        Speed (m/s) and yaw rate (rad/s) of a velocity topic.
+    moves
+        Speed (m/s), yaw rate (rad/s) and heading (rad) by the odometry; never None, without an odometry
+        there are no rows.
+    motion
+        Motion of the vehicle at the stamps of the rims.
     """
 
     def __init__(self, vehicle: CheckedWheels, raw: Raw, begin: int, memory: Memory) -> None:
@@ -326,20 +362,23 @@ class Window:
         return np.asarray(way - np.interp(0.0, rims.t, way) + self.memory.way)
 
     def way(self, t: Array) -> Array:
-        """Path of the rims at times of the window, m."""
+        """Path of the rims from the beginning of the drive (m) at times from that of the span (s)."""
         if self._rims is None or self._rim_way is None:
             return np.full(t.size, self.memory.way)
         return np.interp(t, self._rims.t, self._rim_way)
 
     def rims_at(self, t: Array) -> Array:
-        """Speeds of the rims at times of the window, (times, wheels)."""
+        """Speeds of the rims at times from the beginning of the span (s), (times, wheels), m/s."""
         rims, wheels = self._rims, len(self.vehicle.names)
         if rims is None:
             return np.full((t.size, wheels), np.nan)
         return np.stack([rims.at(t, i) for i in range(wheels)], axis=1)
 
     def angles_at(self, t: Array) -> Array:
-        """Steering angles (rad, to the left) at times of the window, (times, wheels); NaN: not known."""
+        """Steering angles (rad, to the left) at times from the beginning of the span (s), (times, wheels).
+
+        0 for a wheel that is not steered; NaN where an angle is unknown.
+        """
         found = np.zeros((t.size, len(self.vehicle.names)))
         for i, name in enumerate(self.vehicle.names):
             if name in self.vehicle.steered:
@@ -348,10 +387,10 @@ class Window:
         return found
 
     def direction_at(self, t: Array) -> Array:
-        """Angle (rad) between the vehicle's direction of travel and its heading, by poses 0.5 s apart.
+        """Direction of travel to the left of the heading, by poses 0.5 s apart, rad.
 
-        Within 90 degrees of straight ahead, also when it backs up. NaN if unknown, as with poses that are
-        computed from the wheels.
+        Within 90 degrees of straight ahead, also when the vehicle backs up. NaN if unknown, as with poses
+        that are computed from the wheels. t: times from the beginning of the span, s.
         """
         o = self.odometry
         if o is None or self.memory.known.of_wheels or not o.x[:, [X, Y]].any():
@@ -399,17 +438,18 @@ class Window:
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the vehicle over the span, a row for each stamp of the rims.
+    """Motion of the vehicle over the span and around it, a row for each stamp of the rims.
 
     Attributes
     ----------
     t, stamp, dt
-        Time from the beginning of the span, stamp, and how long the row is valid, s.
+        Time from the beginning of the span, stamp, and time until the next row (0 before a gap), s.
     rim
-        Speeds of the rims, m/s, (rows, wheels); for steered wheels their component along the heading, NaN at
-        large angles.
+        Speeds of the rims, m/s, (rows, wheels); on a vehicle that steers their components along the heading,
+        NaN at angles over `FAR`.
     v, w, gyro
-        Speed over ground (m/s), and yaw rate by the odometry and by the gyro (rad/s).
+        Speed over ground (m/s), and yaw rate by the odometry and by the gyro (rad/s), (rows,); NaN where
+        unknown, or where the odometry is computed from the wheels.
     straight, inside
         Whether the vehicle drives straight; whether the row lies in the span itself.
     """

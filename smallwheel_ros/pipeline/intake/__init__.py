@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From messages to numbers: topics, decoding, plausibility, streams, and what is complete."""
+"""From messages to numbers: topics, decoding, plausibility, streams, and the watermark."""

@@ -21,20 +21,20 @@ _WIDEST = 3 * SECOND // 2  # over more nothing is interpolated, and slip over it
 
 @dataclass(frozen=True)
 class StampRules:
-    """Rules for stamps; all times in ns.
+    """Rules for the stamps of messages; all times in ns.
 
     Attributes
     ----------
     silence
-        How long a silent stream is waited for.
+        Time after which a stream that sends nothing is no longer waited for.
     reorder
-        How much later than the newest message of any stream a message may arrive.
+        Time by which a stream that was silent may come late, against the newest stamp of all streams.
     gap
-        How long a value is held, at least.
+        Shortest time for which a value is held after its stamp.
     jump
-        How far time has to go back to count as a jump.
+        Time by which stamps have to go back to count as a jump of time, rather than as late.
     future, age
-        How far a stamp may be ahead of the clock, and how far behind it.
+        Times by which a stamp may be ahead of the clock, and older than the clock.
     """
 
     silence: int = SECOND
@@ -46,7 +46,7 @@ class StampRules:
 
     @property
     def widest(self) -> int:
-        """The longest time (ns) for which values of a slow stream are held."""
+        """Longest time (ns) for which values of a slow stream are held."""
         return max(self.gap, _WIDEST)
 
 
@@ -72,7 +72,7 @@ class Sampled:
     ends: Integers
 
     def between(self, after: int, until: int) -> tuple[Integers, Array]:
-        """Rows as they came, with stamps in (after, until].
+        """Rows with stamps in (after, until], without interpolation.
 
         Parameters
         ----------
@@ -89,28 +89,38 @@ class Sampled:
         return stamps[rows], self.values[rows]
 
     def after(self, stamp: int) -> tuple[Integers, Array]:
-        """Rows as they came, with stamps later than a stamp (ns)."""
+        """Stamps (rows,) and values (rows, width) of the rows later than a stamp (ns)."""
         first = int(np.searchsorted(self.stamps, stamp, side="right"))
         return self.stamps[first:], self.values[first:]
 
     def periods(self, stamps: Integers) -> Integers:
-        """Time (ns) between messages before each of `stamps`: the second longest of the last 8 periods.
+        """Period of a stream at each of its stamps: the second longest of the last 8 times between messages.
 
-        One missing message does not make a stream slow. 0 for the first two rows.
+        One missing message thus does not make a stream slow.
+
+        Parameters
+        ----------
+        stamps
+            Stamps of the messages, rising, shape (rows,), ns.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), ns; 0 for the first two.
         """
         between = np.concatenate([np.zeros(_PERIODS), np.diff(stamps)]).astype(np.int64)
         windows = np.lib.stride_tricks.sliding_window_view(between, _PERIODS)
         return np.partition(windows, -2, axis=1)[: stamps.size, -2]
 
     def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
-        """Time for which each value is held.
+        """Time for which each value is held: 1.25 periods of the stream, within the bounds of the rules.
 
         Parameters
         ----------
         stamps
-            Shape (rows,), ns.
+            Stamps of successive rows, rising, shape (rows,), ns.
         rules
-            Shortest and longest time.
+            Shortest (`gap`) and longest (`widest`) time.
 
         Returns
         -------
@@ -128,19 +138,21 @@ class Sampled:
         return int(self.gaps(newest, rules)[-1]) if newest.size else rules.gap
 
     def at(self, instants: Integers, rules: StampRules) -> Array:
-        """Values at instants: interpolated, or held for at most the stream's gap.
+        """Values at instants: linear between two rows that are near, else that of the one that is near.
+
+        Near means at most the time of `gaps` before or after the instant.
 
         Parameters
         ----------
         instants
-            Shape (instants,), ns.
+            Shape (instants,), ns, in any order.
         rules
-            Shortest and longest gap.
+            Shortest (`gap`) and longest (`widest`) time for which a value is held.
 
         Returns
         -------
         ndarray
-            Shape (instants, width); NaN further than the gap from any row.
+            Shape (instants, width); NaN where no row is near.
         """
         if not self.stamps.size or not instants.size:
             return np.full((instants.size, self.values.shape[1]), np.nan)
@@ -181,7 +193,7 @@ class Sampled:
 
 @dataclass(frozen=True)
 class Samples(Sampled):
-    """A snapshot of a stream's rows, which stays the same while the stream grows; fields as in `Sampled`."""
+    """Snapshot of a stream's rows, which stays the same while the stream grows; fields as in `Sampled`."""
 
     stamps: Integers
     values: Array
@@ -189,14 +201,23 @@ class Samples(Sampled):
 
 
 class Stream(Sampled):
-    """Stamps (ns) and rows of values of one stream, in the order of the stamps.
+    """Rows of one stream in the order of their stamps, to which rows are added at the end.
+
+    Parameters
+    ----------
+    name
+        Name of the stream, such as `<wheel>/load` or `odom`.
+    width
+        Number of values in a row.
 
     Attributes
     ----------
-    width
-        Number of values in a row.
+    kind
+        Last part of the name, such as `load`.
     newest
-        The newest stamp that was kept, ns.
+        The newest stamp that was kept, ns; NEVER without any.
+    received
+        Number of messages received, also of those that were not kept.
     """
 
     def __init__(self, name: str, width: int) -> None:
@@ -210,12 +231,12 @@ class Stream(Sampled):
         self.received = 0
 
     def append(self, stamp: int, values: Sequence[float]) -> None:
-        """Keep a row.
+        """Add one row.
 
         Parameters
         ----------
         stamp
-            ns, over that of the newest row.
+            ns, later than that of the newest row.
         values
             One value for each column (`width` of them), SI units.
         """
@@ -227,9 +248,9 @@ class Stream(Sampled):
         Parameters
         ----------
         stamps
-            Rising, shape (rows,), ns.
+            Rising, and all later than that of the newest row, shape (rows,), ns.
         values
-            Shape (rows, width).
+            Shape (rows, width), SI units.
         """
         if not stamps.size:
             return
@@ -241,7 +262,7 @@ class Stream(Sampled):
         self.newest = int(stamps[-1])
 
     def end(self, stamps: Integers) -> None:
-        """Mark refused messages, past which no earlier value is held.
+        """Mark stamps of refused messages: no value from before one is held past it.
 
         Parameters
         ----------
@@ -253,7 +274,10 @@ class Stream(Sampled):
         self.ends = ends[np.unique(np.searchsorted(self.stamps, ends), return_index=True)[1]]
 
     def _move(self, more: int) -> tuple[int, int]:
-        """Make room for more rows after those that are kept, elsewhere: views of the old ones stay."""
+        """Move the kept rows to new arrays with room for `more` rows, so that old views stay valid.
+
+        Returns the places (begin, end) of the rows to be added.
+        """
         stamps, values = self.stamps, self.values
         kept = stamps.size
         room = max(2 * (kept + more), _ROOM)
@@ -273,7 +297,7 @@ class Stream(Sampled):
         return self._values[self._begin : self._end]
 
     def forget(self, before: int) -> None:
-        """Drop rows that are no longer needed: all before a stamp (ns) except the last ones."""
+        """Drop rows before a stamp (ns), except the last few, which values and the period there depend on."""
         kept = int(np.searchsorted(self.stamps, before)) - 1 - _PERIODS
         self._begin += max(kept, 0)
         if self.ends.size and kept > 0:
@@ -286,5 +310,5 @@ class Stream(Sampled):
 
     @property
     def samples(self) -> Samples:
-        """The rows that are kept now."""
+        """Snapshot of the rows that are kept now."""
         return Samples(self.stamps, self.values, self.ends)

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of streams from serialised messages, many at once: in alike messages fields lie at the same bytes.
+"""Columns of numbers from serialised messages, many at once.
 
-ROS messages are CDR: numbers are aligned to multiples of their size, strings and lists follow their
-lengths. Where all strings and lengths in a topic's messages equal those of the first one, every
-number lies at the same place as in it; other messages form further groups. Padding may hold
-anything, and numbers may be little- or big-endian.
+ROS messages are serialised as CDR: numbers are aligned to multiples of their size, strings and lists follow
+their lengths. Messages of one topic whose strings and lengths are all equal have each number at the same
+byte, and are read as one group. Padding may hold anything, and numbers may be little- or big-endian.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.pipeline.tables import Array
 
-Place = tuple[int, str, int]  # byte, NumPy's type, how many
+Place = tuple[int, str, int]  # first byte, NumPy's type of a number, count of numbers
 _SIZES = {"bool": 1, "byte": 1, "char": 1, "float32": 4, "float64": 8}
 _SIZES |= {f"{u}int{bits}": bits // 8 for u in ("", "u") for bits in (8, 16, 32, 64)}
 _DTYPES = {"bool": "u1", "byte": "u1", "char": "u1", "float32": "f4", "float64": "f8"}
@@ -29,14 +28,27 @@ _ORDERS = {b"\x00\x00": "big", b"\x00\x01": "little"}  # of plain CDR (DDS-XType
 
 
 class MessageLayout:
-    """Position of each number in the bytes of a serialised message.
+    """Positions of the numbers in the bytes of a serialised message.
+
+    Parameters
+    ----------
+    types
+        Store of the definitions of message types (`bags.types.typestore`).
+    kind
+        Type of the message, such as `sensor_msgs/msg/Imu`.
+    raw
+        The message as serialised.
 
     Attributes
     ----------
     places
-        Position of each number, by its path, such as 'wrench.force.z'.
+        First byte, NumPy's type and count of each number or array of numbers, by its path, such as
+        `wrench.force.z`.
     strings
-        Texts of the message, by path.
+        Texts of the message by path, in a list; of a single string it has one element.
+    fixed
+        Mask of the bytes that must be equal in a message of the same layout: those of lengths and strings,
+        and of the header that gives the byte order.
 
     Raises
     ------
@@ -60,7 +72,18 @@ class MessageLayout:
         self._like = np.frombuffer(raw, np.uint8)[self._fixed]
 
     def same(self, table: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which messages of the same size have all their numbers at the same places as this one."""
+        """Tell which messages have all lengths and strings in common with this one.
+
+        Parameters
+        ----------
+        table
+            Bytes of messages of the same size as this one, shape (messages, size).
+
+        Returns
+        -------
+        ndarray
+            Shape (messages,), bool.
+        """
         return np.asarray((table[:, self._fixed] == self._like).all(axis=1))
 
     def _take(self, size: int, *, fixed: bool) -> bytes:
@@ -112,7 +135,17 @@ class MessageLayout:
 
 
 class MessageNumbers(Mapping[str, Array]):
-    """The numbers in messages of one layout, by path, each of shape (messages, count), read on demand."""
+    """The numbers in messages of one layout, by path, read on demand.
+
+    Values have shape (messages, count): float for floating-point numbers, int64 for all others.
+
+    Parameters
+    ----------
+    layout
+        The layout that all messages have.
+    table
+        Bytes of the messages, shape (messages, size).
+    """
 
     def __init__(self, layout: MessageLayout, table: NDArray[np.uint8]) -> None:
         self._layout, self._table = layout, table
@@ -136,9 +169,9 @@ class Decoder:
     Parameters
     ----------
     types
-        Store of the definitions of message types.
+        Store of the definitions of message types (`bags.types.typestore`).
     kind
-        Type of the messages.
+        Type of the messages, such as `sensor_msgs/msg/Imu`.
 
     Attributes
     ----------
@@ -154,7 +187,19 @@ class Decoder:
     def columns(
         self, raws: Sequence[bytes]
     ) -> list[tuple[NDArray[np.int64], MessageLayout, MessageNumbers]]:
-        """Groups of messages of the same layout: their indices, layout, and columns (messages, count)."""
+        """Read messages in groups of the same layout.
+
+        Parameters
+        ----------
+        raws
+            Serialised messages.
+
+        Returns
+        -------
+        list of (ndarray, MessageLayout, MessageNumbers)
+            Of each group: indices into `raws`, rising; layout; and numbers, in the order of the indices.
+            Unreadable messages are in no group, and are counted in `problems`.
+        """
         sizes = np.array([len(raw) for raw in raws])
         groups = []
         for size in sorted({len(raw) for raw in raws}):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The topics of a vehicle, and functions that turn their messages into rows of streams.
 
-A reader takes columns of a topic's numbers by path, each of shape (messages, count), and returns
-rows of its streams. A single message is a column of length one.
+A reader takes the numbers of a topic's messages as columns by path, each of shape (messages, count), and
+returns rows of its streams. For a single message the columns have length one.
 """
 
 from __future__ import annotations
@@ -33,18 +33,22 @@ _UNIT = 0.01  # a quaternion's length may be off by so much
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic to subscribe to.
+    """A topic to subscribe to, and the function that reads its messages.
 
     Attributes
     ----------
+    name
+        Name of the topic.
     type
-        Type of its messages.
+        Type of its messages, such as `sensor_msgs/msg/Imu`.
     read
-        Makes rows of streams from the messages' columns and, for joint states, the joints' names.
+        Function of the messages' numbers by path, each (messages, count), and for joint states of the
+        joints' names in the messages' order. Returns rows by stream, each (messages, width), SI units; a row
+        of NaN alone is not to be kept.
     streams
         Names of the streams that its messages fill.
     joints
-        For joint states: the joint that each stream belongs to.
+        For joint states: name of the joint that each stream belongs to, by stream.
     """
 
     name: str
@@ -55,7 +59,7 @@ class Topic:
 
 
 def topics_of(settings: NodeSettings) -> list[Topic]:
-    """The topics of a vehicle."""
+    """Return the topics from which the streams of a vehicle are read, each with its reader."""
     streams = set(settings.onboard.streams)
     forces: dict[str, list[tuple[str, str, float]]] = {}
     found: list[Topic] = []
@@ -126,9 +130,10 @@ def _sinkage(wheel: str) -> Callable[[Fields, list[str]], Rows]:
 
 
 def _range(stream: str, height: float) -> Callable[[Fields, list[str]], Rows]:
-    """Distance to the ground: what the sensor is nearer to it, the wheel is deeper.
+    """Reader of sinkages (m) from distances to the ground: mounting height less distance.
 
-    At its limits a sensor sees nothing (REP 117): drivers that write no infinity write the limit.
+    A distance at or beyond the sensor's limits is no reading (REP 117): drivers that write no infinity write
+    the limit.
     """
 
     def read(of: Fields, _: list[str]) -> Rows:
@@ -145,9 +150,11 @@ def _joints(
     efforts: Mapping[str, list[tuple[str, float]]],
     angles: Mapping[str, list[tuple[str, SteeringReader]]],
 ) -> Callable[[Fields, list[str]], Rows]:
-    """Load and torque by effort, angles by position. Of speeds velocity, position, and if it has one.
+    """Reader of joint states: loads and torques from efforts, steering angles from positions, wheel speeds.
 
-    Nothing of a joint that a message names twice.
+    A row of a wheel speed is velocity (rad/s), position (rad), and 1 if the message has velocities, else 0.
+    A joint that a message names twice is not read. Arguments: by joint, pairs of a stream and the factor, or
+    the reader of its angle.
     """
 
     def column(of: Fields, name: str, joints: list[str], i: int) -> Array | None:
@@ -158,7 +165,7 @@ def _joints(
         found: Rows = {}
         for i, joint in enumerate(joints):
             if joints.count(joint) > 1:
-                continue  # which value is the joint's nothing tells
+                continue  # which of its values is right is unknown
             effort = column(of, "effort", joints, i)
             if effort is not None:
                 for stream, factor in efforts.get(joint, ()):
@@ -180,17 +187,19 @@ def _joints(
 
 
 def angles_of(x: Array, y: Array, z: Array, w: Array) -> tuple[Array, Array, Array, Array]:
-    """Cosine and sine of the yaw, pitch and roll of quaternions.
+    """Compute yaw, pitch and roll of unit quaternions, the yaw as its cosine and sine.
 
     Parameters
     ----------
     x, y, z, w
-        Parts of the quaternions, shape (rows,).
+        Components of the quaternions, of one shape.
 
     Returns
     -------
-    cosine, sine, pitch, roll : ndarray
-        Shape (rows,): 1, 1, rad, rad; NaN, NaN, 0, 0 where the length is not 1.
+    cosine, sine : ndarray
+        Of the yaw, same shape; NaN where the squared length is not 1 within 0.01.
+    pitch, roll : ndarray
+        Same shape, rad; pitch is positive nose down. 0 where the squared length is not 1 within 0.01.
     """
     unit = np.abs(x * x + y * y + z * z + w * w - 1.0) <= _UNIT
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -213,7 +222,7 @@ def _odometry(of: Fields, _: list[str]) -> Rows:
 
 
 def _odometry_aside(of: Fields, joints: list[str]) -> Rows:
-    """The same with the speed aside, NaN where that is no number of a vehicle."""
+    """Rows of the odometry with the sideways speed as last column, NaN where that is implausible."""
     aside = of["twist.twist.linear.y"]
     aside = np.where(np.abs(aside) <= FASTEST, aside, np.nan)
     return {ODOMETRY: np.hstack([_odometry(of, joints)[ODOMETRY], aside])}
@@ -225,17 +234,18 @@ def _velocity(of: Fields, _: list[str]) -> Rows:
 
 
 def _velocity_aside(of: Fields, _: list[str]) -> Rows:
-    """The same with the speed aside."""
+    """Rows of the velocity with the sideways speed as last column, NaN where that is implausible."""
     columns = [of[f"twist.{name}"] for name in ("linear.x", "angular.z", "linear.y")]
     columns[2] = np.where(np.abs(columns[2]) <= FASTEST, columns[2], np.nan)
     return {VELOCITY: np.hstack(columns)}
 
 
 def _imu(yaw: float) -> Callable[[Fields, list[str]], Rows]:
-    """Yaw rate (rad/s); specific force along x, y, z (m/s^2); where up is, a vector of length 1; pitch rate.
+    """Reader of an imu whose x points `yaw` (rad) to the left of the vehicle's.
 
-    The pitch rate (rad/s) is positive nose down. All in the vehicle's frame as the message has it, an imu
-    whose z is down included; up is NaN without an orientation.
+    A row is yaw rate (rad/s), specific force along x, y, z (m/s^2), unit vector that points up (NaN without
+    an orientation) and pitch rate (rad/s, positive nose down), in axes of the vehicle; if z of the imu points
+    down, so does z here.
     """
     cosine, sine = math.cos(yaw), math.sin(yaw)
 

@@ -18,14 +18,15 @@ _JUMP_TOLERANCE = 1.0  # s: what goes back by less is late, by more a bag that s
 
 
 def width_of(stream: str) -> int:
-    """Number of values in a row of a stream, by its name."""
+    """Return the number of values in a row of a stream, given its name, such as `<wheel>/load` or `odom`."""
     return WIDTHS[stream.rpartition("/")[2]]
 
 
 def widths_of(settings: OnboardSettings) -> dict[str, int]:
-    """Number of values in a row of each stream that is used, by its name.
+    """Return the number of values in a row of each stream that the vehicle uses, by name.
 
-    The odometry's sideways speed is read only for vehicles that steer: others move along their heading.
+    The odometry of a vehicle that steers has one value more, its sideways speed: others move along their
+    heading.
     """
     found = {name: width_of(name) for name in settings.streams}
     if settings.steered and ODOMETRY in found:
@@ -34,7 +35,7 @@ def widths_of(settings: OnboardSettings) -> dict[str, int]:
 
 
 def rules_of(settings: OnboardSettings) -> StampRules:
-    """The rules for stamps: the parameters `timing.*`, and constants that are the same on every vehicle."""
+    """Return the rules for stamps, from the parameters `timing.*` and constants that hold for any vehicle."""
     timing = settings.timing
     waits = _SILENT_AFTER, timing.reorder_time, MAXIMUM_GAP, _JUMP_TOLERANCE
     clock = _FUTURE_TOLERANCE, timing.maximum_age

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plausible numbers of messages: a `fault` makes a message unusable, a `flaw` only part of it."""
+"""Checks that the numbers of a message are plausible: a `fault` makes all of it unusable, a `flaw` a part."""
 
 from __future__ import annotations
 
@@ -16,14 +16,19 @@ FASTEST = 10.0  # m/s: no vehicle on small wheels drives on soil at 36 km/h
 
 
 def sound(kind: str, values: Array) -> bool:
-    """Whether no row has a fault or a flaw: `fault` and `flaw` for many rows at once.
+    """Tell whether no row has a fault or a flaw; the quick test for many rows.
 
     Parameters
     ----------
     kind
-        Kind of the stream.
+        Last part of the stream's name: `load`, `sinkage`, `odom`, `imu` and so on.
     values
-        Shape (rows, width), SI.
+        Rows of the stream, shape (rows, width), SI.
+
+    Returns
+    -------
+    bool
+        False if any row may have one; `fault` and `flaw` then tell which and why.
     """
     if kind == "imu":
         alone = np.isnan(values) | (np.abs(values) < _LARGEST)
@@ -38,19 +43,20 @@ def sound(kind: str, values: Array) -> bool:
 
 
 def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
-    """Reason why the values of a message cannot be used.
+    """Return why a message cannot be used at all.
 
     Parameters
     ----------
     kind
-        Kind of the stream.
+        Last part of the stream's name: `load`, `sinkage`, `odom`, `imu` and so on.
     values
-        Values of the message's row, SI.
+        The message's row, SI.
 
     Returns
     -------
     (str, str) or None
-        Key and words of the fault; None if there is none.
+        Key under which it is counted, such as `not_finite`, and an explanation in words; None if the message
+        can be used.
     """
     if kind == "imu":
         known = [value for value in values if not math.isnan(value)]
@@ -83,19 +89,20 @@ def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
 
 
 def flaw(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
-    """Reason why part of a message cannot be used although it is kept.
+    """Return why a part of a message cannot be used, although the message is kept.
 
     Parameters
     ----------
     kind
-        Kind of the stream.
+        Last part of the stream's name: `load`, `sinkage`, `odom`, `imu` and so on.
     values
-        Values of the message's row, SI.
+        The message's row, SI.
 
     Returns
     -------
     (str, str) or None
-        Key and words of the flaw; None if there is none.
+        Key under which it is counted, such as `no_orientation`, and an explanation in words; None if all of
+        it can be used.
     """
     if kind == "odom" and not all(abs(value) < _LARGEST for value in values[4:6]):
         return (

@@ -6,17 +6,17 @@ earlier messages and on its own `now`, never on when results are asked for:
 
     kept     stamp is later than the stream's newest one, and than what the stream has missed:
              frontier = newest,  or  latest - reorder  where it was silent for longer than `silence`
-    late     any other: counted by reason, and not kept; out_of_order where its own stream is
-    further already clock    now - age <= stamp <= now + future, or the message is refused jump
-    latest - stamp > `jump`, and the clock went back too (latest > now + future). Without a clock a
+    late     any other: counted by reason, and not kept; out_of_order if its own stream has newer ones
+    clock    now - age <= stamp <= now + future, or the message is refused
+    jump     latest - stamp > `jump`, and the clock went back too (latest > now + future). Without a clock a
              second message in a row has to agree: of another stamp, and of another stream or of one that
              was heard before. So one wrong clock among good ones resets nothing.
 
     watermark = min over streams of newest,  of a silent one latest - reorder - gap
 
-Nothing at or before the watermark changes any more: a sample of a stream at t is between its last one
-before t and its first one at or after t, within its gap: that of the parameters, or more of a slow stream,
-1.5 of the second longest time between its newest messages. A slow stream is silent later, too.
+Nothing at or before the watermark changes any more: the value of a stream at t depends on its last row
+before t and its first one at or after t, within its gap. That is `StampRules.gap`, and for a slow stream
+1.25 of the second longest time between its newest messages. A slow stream is silent later, too.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _ONE_BY_ONE = 32  # messages, of which one is refused, that are not worth being 
 
 
 def _halves(rows: Arrivals, middle: int) -> tuple[Arrivals, Arrivals]:
-    """What arrived before the message of a number, and from it on."""
+    """Split rows into those of messages with a number under `middle`, and all others."""
     before: dict[str, tuple[Integers, Array, Integers]] = {}
     after = before.copy()
     for name, (stamps, values, numbers) in rows.items():
@@ -62,15 +62,19 @@ class Streams:
     rules
         Rules for stamps.
     on_jump
-        Called when time has gone back, before the first message of the new time is kept, so that the owner
-        can take the complete rows and start again.
+        Called when time has gone back, before rows are dropped and the first message of the new time is
+        kept, so that the owner can take the rows so far and start again.
 
     Attributes
     ----------
+    all
+        The streams, by name.
+    latest, oldest
+        Newest stamp of all streams, and stamp of the first row kept, ns; NEVER without any.
     problems
         Number of messages that were not kept, or used only in part, by stream and reason.
     words
-        An example of each problem, in words.
+        The newest explanation of each problem, by stream and reason.
     """
 
     def __init__(
@@ -90,18 +94,18 @@ class Streams:
         self.words: dict[tuple[str, str], str] = {}
 
     def add(self, name: str, stamp: int, values: tuple[float, ...], now: int | None = None) -> None:
-        """Keep one row; a row that cannot be used is counted with the reason.
+        """Keep the row of one message; one that cannot be used is counted with the reason.
 
         Parameters
         ----------
         name
-            The stream.
+            Name of the stream.
         stamp
             Stamp of the row, ns.
         values
             Values of the row, SI.
         now
-            Time of the clock, ns; None without a clock.
+            Time of the clock as the message arrives, ns; None or 0 without a clock.
         """
         stream = self.all[name]
         stream.received += 1
@@ -125,17 +129,16 @@ class Streams:
         self.latest = max(self.latest, stamp)
 
     def add_rows(self, rows: Arrivals, clock: Integers | None = None) -> None:
-        """Keep the rows of many messages.
-
-        The result is the same as if `add` were called for each row, but that is done only near refused rows.
+        """Keep the rows of many messages, with the same result as `add` for one after the other, but faster.
 
         Parameters
         ----------
         rows
-            By stream: stamps (ns), values (SI), and numbers of the messages, which rise in the
-            order of arrival over all streams.
+            By stream: stamps (rows,), ns; values (rows, width), SI; and numbers of the messages (rows,),
+            which rise in the order of arrival over all streams.
         clock
-            Time of the clock at each number, ns; None without a clock.
+            Time of the clock as each message arrived, indexed by the numbers, shape (messages,), ns; None
+            without a clock.
         """
         if not rows:
             return
@@ -169,7 +172,10 @@ class Streams:
         arrived: Integers,
         clock: Integers | None,
     ) -> bool:
-        """Whether each of many messages, in the order of arrival, is one that `add` only appends."""
+        """Whether `add` would keep each of these messages without a remark.
+
+        arrived: stamps of all rows in the order of arrival, ns. clock: time at each of them, ns.
+        """
         rules = self.rules
         if int(arrived.min()) <= 0 or int(arrived.max()) >= -NEVER:
             return False
@@ -190,7 +196,7 @@ class Streams:
         return True
 
     def _frontier(self, stream: Stream) -> int:
-        """The newest stamp of a stream that is over."""
+        """Stamp (ns) at or before which messages of a stream come too late."""
         if not self.silent(stream):
             return stream.newest
         return max(stream.newest, self.latest - self.rules.reorder)
@@ -198,7 +204,10 @@ class Streams:
     # --- What is refused
 
     def _untimely(self, name: str, stamp: int, now: int | None) -> tuple[str, str] | None:
-        """Why a stamp is not believed; a jump of time is made, and the message then is."""
+        """Reason and words why a stamp is not believed, or None.
+
+        Where time has jumped back everything is reset, and the stamp is believed.
+        """
         rules = self.rules
         if not 0 < stamp < -NEVER:
             return (
@@ -242,7 +251,7 @@ class Streams:
         return None
 
     def _behind(self, stream: Stream, stamp: int) -> tuple[str, str]:
-        """Why a message comes too late: after a newer one of its topic, or after what was answered."""
+        """Reason and words for a message that is too late: out of order in its topic, or simply too old."""
         if stamp < stream.newest:
             return "out_of_order", (
                 f"stamp is {(stream.newest - stamp) / SECOND:.3f} s before that of the message before:"
@@ -261,11 +270,22 @@ class Streams:
 
     @property
     def refused_sinkages(self) -> int:
-        """How many measured sinkages were refused since the start or the last reset."""
+        """Number of measured sinkages that were refused since the start or the last jump of time."""
         return self._forgotten + len(self._refused)
 
     def refused(self, stamps: Integers) -> Integers:
-        """Number of refused sinkages that came before the first row newer than each stamp."""
+        """Number of refused sinkages so far when each of the given stamps was passed.
+
+        Parameters
+        ----------
+        stamps
+            Shape (rows,), ns, at or after that of the last call of `kept`.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,): number that arrived before the first row of any stream newer than the stamp.
+        """
         at = np.maximum.accumulate(np.array(self._refused, dtype=np.int64))
         return self._forgotten + np.searchsorted(at, stamps)
 
@@ -275,13 +295,13 @@ class Streams:
         Parameters
         ----------
         name
-            The stream.
+            Name of the stream.
         reason
-            Key by which it is counted.
+            Key under which it is counted, such as `late`.
         text
-            Explanation for people.
+            Explanation for the user.
         times
-            How many messages had it.
+            Number of messages that had it.
         """
         self.problems[name, reason] += times
         self.words[name, reason] = text
@@ -289,7 +309,7 @@ class Streams:
     # --- Up to when all is there
 
     def clear(self) -> None:
-        """Drop all rows; keep the counts."""
+        """Drop all rows; keep the counts of problems."""
         for stream in self.all.values():
             stream.clear()
         self.latest = self.oldest = NEVER
@@ -303,7 +323,7 @@ class Streams:
 
     @property
     def watermark(self) -> int:
-        """Stamp (ns) up to which all rows are final."""
+        """Stamp (ns) up to which all rows have arrived, so that no value at or before it changes any more."""
         rules, found = self.rules, self.latest
         for stream in self.all.values():
             newest = stream.newest
@@ -313,11 +333,17 @@ class Streams:
         return found
 
     def silent_ones(self) -> frozenset[str]:
-        """Streams that are no longer waited for."""
+        """Names of the streams that are no longer waited for."""
         return frozenset(name for name, stream in self.all.items() if self.silent(stream))
 
     def kept(self, since: int) -> dict[str, Samples]:
-        """Raw rows by stream, after dropping those before a stamp (ns) that are too old to be asked for."""
+        """Drop rows that only values before a stamp (ns) depend on, and return a snapshot of the others.
+
+        Returns
+        -------
+        dict of Samples
+            Raw rows by stream.
+        """
         drop = int(np.searchsorted(np.array(self._refused, dtype=np.int64), since))
         del self._refused[:drop]
         self._forgotten += drop

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assemble what was measured of each wheel at each instant: believed streams in, aligned rows out.
 
-    raw rows -> checks -> what is believed -> Readings
+    raw rows -> checks -> BelievedRows -> Aligned -> Readings
 
 A value that the checks doubt is NaN in everything assembled from it: speed, slip, slope, gained, loads. A
 doubted gyro is replaced by the odometry's yaw rate; without that the speed of a wheel beside the middle is
@@ -9,7 +9,7 @@ unknown.
 
 The instants are those of the measured sinkages. A wheel without them has the instants of its load,
 or of the odometry where its load is static, at most ten a second. Other measurements are
-interpolated between the messages around an instant, or held within `MAXIMUM_GAP`.
+interpolated between the messages around an instant, or held (`Sampled.at`).
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Align:
         self._strains = [False for _ in settings.wheels]
 
     def take(self, believed: BelievedRows) -> Aligned | None:
-        """Rows in (since, done], by stamp and wheel; None if there are none."""
+        """Align the new rows, those in (since, done]; in order of stamp and wheel, None if there are none."""
         parts = []
         for number, wheel in enumerate(self.settings.wheels):
             stamps = self._instants(wheel, believed)
@@ -86,7 +86,7 @@ class Align:
         return self._assemble(believed, wheel_of[order], stamps[order])
 
     def _instants(self, wheel: Wheel, believed: BelievedRows) -> Integers:
-        """Stamps of a wheel's rows."""
+        """Stamps (ns) at which a wheel has rows, shape (rows,)."""
         settings = self.settings
         name = f"{wheel.name}/sinkage"
         if name not in believed.streams:
@@ -121,7 +121,7 @@ class Align:
         moves, felt = shown[ODOMETRY], shown[FELT]
         trust, period = believed.trust(stamps), believed.period(stamps)
         rims = believed.each_rim_of(shown, stamps.size)
-        # All that is asked of the time before: by how much speeds are off that come late, and what is gained.
+        # Earlier values: rims by the delay of the speed before, and speeds of which the gain is computed.
         over = np.maximum(_GAINING, 2 * period)
         late = (SECOND * (trust.lag + (0.5 * period / SECOND + trust.mean))).astype(np.int64)
         ago = np.concatenate([stamps - late // 2, stamps - late, stamps - over])
@@ -189,15 +189,16 @@ class Align:
         )  # fmt: skip
 
     def _shown(self, believed: BelievedRows, stamps: Integers) -> dict[str, Array]:
-        """What all streams of wheels and vehicle show at rows, by name, each (rows, width)."""
+        """Values of all streams of wheels and vehicle at the rows' stamps, by name, each (rows, width)."""
         instants, row = np.unique(stamps, return_inverse=True)
         names = [ODOMETRY, MOVES, FELT, *(name for name in believed.streams if "/" in name)]
         return {name: each[row] for name, each in believed.at_once(names, instants).items()}
 
     def _middle(self, measured: Array, moves: Array, trust: Trust) -> tuple[Array, Array]:
-        """Speed of the vehicle's middle, NaN where it is frozen, and yaw rate, without a gyro.
+        """Speed of the vehicle's middle, m/s, and yaw rate without a gyro, rad/s; both (rows,).
 
-        measured: speed and yaw rate over ground. moves: rows of the odometry.
+        The speed is NaN where its messages repeat themselves. measured: columns of `MOVES`. moves: rows of
+        the odometry.
         """
         speed, turn = measured[:, 0], measured[:, 1]
         posed = (moves[:, X] != 0.0) | (moves[:, Y] != 0.0)
@@ -216,23 +217,26 @@ class Align:
         return np.where(same, np.nan, speed), turn
 
     def _turned(self, believed: BelievedRows, stamps: Integers, rims: Array, turn: Array) -> Array:
-        """Yaw rate of an odometry, in place of a gyro that is doubted; none where it never turned."""
+        """Yaw rate (rad/s) of the odometry, in place of a gyro: `turn`, with NaN where that is no evidence.
+
+        That is where it has been 0 throughout, the gyro is doubted, and the rims show a bend. rims: speeds
+        of the rims, (wheels, rows), m/s.
+        """
         turned = np.logical_or.accumulate(np.append(self._moves_turn, np.abs(turn) > 0.0))[1:]
         self._moves_turn = bool(turned[-1])
         _, size, across = believed.rims(stamps, rims)
-        # Sides whose rims run alike go straight on, whatever the imu says.
+        # A vehicle whose sides run alike goes straight on, whatever the imu shows.
         bends = np.abs(across) > 0.02 * size
         return np.where(~turned & bends & believed.doubted.at(IMU, stamps), np.nan, turn)
 
     def _unsteady(
         self, believed: BelievedRows, wheel: Integers, rims: Array, ago: Array, gyro: Flags
     ) -> Array:
-        """By how much a speed is off (m/s) that comes late or is a mean over time: what the rims change by.
+        """Error (m/s) of a speed that comes late or is a mean over time: change of the rims in that time.
 
-        Those of all wheels; of the wheel's own where the late one tells the turn, too.
-
-        rims: at the rows, (wheels, rows), m/s. ago: by half and by all of what it may be late,
-        (wheels, 2, rows).
+        It is that of the mean of all wheels, or without a gyro, when the late source also gives the yaw rate,
+        that of the wheel's own rim; shape (rows,). rims: speeds at the rows, (wheels, rows), m/s. ago: speeds
+        half the delay and the whole delay before, (wheels, 2, rows), m/s. gyro: rows with a gyro.
         """
         if not len(rims) or believed.source not in believed.streams:
             return np.zeros(wheel.size)
@@ -244,7 +248,7 @@ class Align:
         return np.asarray(np.nan_to_num(np.where(rolls & ~gyro, own, common)))
 
     def _torque(self, wheel: Integers, torque: Array) -> Array:
-        """Torques; of a driver that leaves the effort empty, 0 in every message, they are not known."""
+        """Torques (N m), NaN as long as every one of a wheel was 0: its driver leaves the effort empty."""
         found = torque.copy()
         for number in range(len(self._strains)):
             mine = wheel == number
@@ -255,7 +259,7 @@ class Align:
         return found
 
     def _felt(self, gained: Array, moves: Array, felt: Array) -> tuple[Array, Array, Array, Array]:
-        """Per mass (m/s^2): what slope and gaining speed take of the wheels, the slope across, both ahead.
+        """Return slope, gained, across and pushed as in `Aligned`, m/s^2, along the axes of the vehicle.
 
         gained: dv/dt, m/s^2. moves, felt: rows of odometry and imu.
         """
@@ -266,7 +270,7 @@ class Align:
             slope = np.where(oriented, gravity * up[0], ahead - gained)
             across = np.where(oriented, gravity * up[1], left)
             upright = np.where(oriented, gravity * up[2], above) > _UPRIGHT * gravity
-            # Without an orientation and a speed nothing tells a slope from a gain, but both are felt.
+            # Without an orientation and a speed, slope and gain cannot be separated, but their sum is felt.
             both = slope + gained
             both = np.where(np.isnan(both), ahead, both)
             slope, across, both = (
@@ -291,9 +295,10 @@ class Align:
         pushed: Array,
         across: Array,
     ) -> tuple[Array, Array]:
-        """Loads that are not measured: as configured, as tilt and gained speed move them (a rigid frame).
+        """Loads and their deviations (N): measured, or static ones shifted by tilt and acceleration.
 
-        pushed, across: m/s^2, of slope and gain, and of the slope across.
+        The frame is taken as rigid. pushed: g sin(slope) + dv/dt, m/s^2. across: g sin(slope to the side),
+        m/s^2.
         """
         settings = self.settings
         if not settings.static_loads:
@@ -315,19 +320,22 @@ class Align:
         static = np.maximum(level + moved, _LEAST_LOAD * level)
         static_std = np.hypot(
             np.array(spread)[wheel], 0.5 * moved
-        )  # half the height is what is known of it
+        )  # the height of the centre of gravity is known to half of itself
         given = ~np.isnan(level)
         return np.where(given, static, load), np.where(given, static_std, load_std)
 
 
 def _pitch(slope: Array, gravity: float, shown: Array) -> Array:
-    """Pitch (rad, positive nose down) by what the slope takes; where that is not known, the odometry's."""
+    """Pitch (rad, positive nose down) from the slope, g sin(slope) in m/s^2; where that is NaN, `shown`."""
     by_slope = -np.arcsin(np.clip(slope / gravity, -1.0, 1.0))
     return np.where(np.isnan(slope), np.nan_to_num(shown), by_slope)
 
 
 def _levers(wheels: tuple[Wheel, ...], name: str) -> Array:
-    """Places of wheels about the middle of all, over the sum of their squares, 1/m."""
+    """Positions of wheels relative to their mean, divided by the sum of their squares, 1/m, (wheels,).
+
+    name: the attribute of `Wheel` that holds the position.
+    """
     places = np.array([getattr(wheel, name) for wheel in wheels])
     off = places - places.mean()
     squares = float(off @ off)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the imu is off level, by mounting or drift, learnt from turns and returns.
+"""Zero error of the imu's tilt, by mounting or drift, learnt from turns and returns.
 
 State: slopes e and n of the ground along x and y of the odometry's frame, and the imu's zeros p and
 r ahead and across. On a vehicle with heading a the imu shows
@@ -32,7 +32,13 @@ _AHEAD = 512  # rows looked through at once
 
 
 class Level:
-    """Learns the zero of the slope force from rows in their order; `at` returns it at stamps so far."""
+    """Learns the zero error of the slope force g sin(slope) that the imu shows.
+
+    Parameters
+    ----------
+    gravity
+        Acceleration of gravity, m/s^2.
+    """
 
     def __init__(self, gravity: float = GRAVITY) -> None:
         self._gravity = gravity
@@ -46,7 +52,7 @@ class Level:
         self._stamps, self._zeros = [NEVER], [(0.0, gravity * _ZERO)]
 
     def take(self, rows: Readings) -> None:
-        """Process rows; those of unknown slope or heading are skipped."""
+        """Learn from rows in the order of stamps; those of unknown slope or heading are skipped."""
         if rows.slope.size and self._origin is None:
             self._origin = int(rows.stamp[0])
         known = np.isfinite(rows.slope) & np.isfinite(rows.across) & np.isfinite(rows.heading)
@@ -88,11 +94,14 @@ class Level:
         kalman.update(shown, H=np.array([[cosine, sine, 1.0, 0.0], [-sine, cosine, 0.0, 1.0]]))
 
     def at(self, stamps: Integers) -> Array:
-        """Zero of the slope force ahead and its deviation at stamps (ns), m/s^2, shape (stamps, 2)."""
+        """Zero error of the slope force ahead and its standard deviation, m/s^2, at stamps (ns); (stamps, 2).
+
+        Each is by the rows up to its stamp.
+        """
         place = np.searchsorted(np.array(self._stamps), stamps, side="right") - 1
         return np.array(self._zeros)[place].reshape(-1, 2)
 
     def forget(self, before: int) -> None:
-        """Drop zeros that are only needed before a stamp (ns)."""
+        """Drop what `at` needs only for stamps before this one (ns)."""
         drop = max(int(np.searchsorted(np.array(self._stamps), before, side="right")) - 1, 0)
         del self._stamps[:drop], self._zeros[:drop]

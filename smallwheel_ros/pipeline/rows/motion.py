@@ -28,7 +28,7 @@ _LONGEST = 1.0  # s between two rows over which speeds are taken to change evenl
 
 @dataclass
 class _Last:
-    """Of a wheel, or of the vehicle: the last row's stamp (ns), speed (m/s), path (m)."""
+    """Last row of a wheel, or of the vehicle: stamp (ns; -1: none), speed (m/s), path (m)."""
 
     stamp: int = -1
     speed: float = 0.0
@@ -37,7 +37,23 @@ class _Last:
 
 @dataclass
 class MotionState:
-    """State carried from block to block."""
+    """State that `motion` carries from block to block.
+
+    Attributes
+    ----------
+    wheels, vehicle
+        Last row of each wheel and of the vehicle.
+    passes
+        Tracks of the wheels so far.
+    ways
+        Whether a wheel last turned forward, by its number.
+    onward
+        Whether the vehicle as a whole goes forward.
+    due
+        Stamp at which the next estimate is due, by the wheel's number, ns.
+    deepest
+        Largest sinkage of a wheel that is pressed, not rolled, by its number, m.
+    """
 
     wheels: list[_Last]
     passes: Passes
@@ -54,7 +70,7 @@ class MotionState:
 
 
 def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Readings:
-    """Add paths, distances, passes and which rows are due.
+    """Add paths, distance, direction of travel, passes, and whether an estimate is due.
 
     Parameters
     ----------
@@ -63,7 +79,12 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
     rows
         Aligned rows, in order of stamps.
     settings
-        The pipeline's settings.
+        Settings of the vehicle.
+
+    Returns
+    -------
+    Readings
+        The same rows, with the columns that `Readings` adds.
     """
     wheels = settings.wheels
     count = len(rows)
@@ -94,10 +115,9 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
 
 
 def _off_track(rows: Aligned, wheels: tuple[Wheel, ...]) -> Flags:
-    """Where hind wheels run next to the ruts of the first: half in them, as far as is known.
+    """Whether rear wheels run beside the ruts of the front ones, in a bend or on a sideways course; (rows,).
 
-    In a bend of radius r these are off by wheelbase^2 / (2 r), here over half a wheel's width; or the vehicle
-    goes across.
+    In a bend of radius r their tracks are wheelbase^2 / (2 r) apart; beside means over half a wheel's width.
     """
     places = [w.longitudinal_position for w in wheels if w.contact == ROLLING]
     width = np.array([wheel.width for wheel in wheels])[rows.wheel]
@@ -107,7 +127,7 @@ def _off_track(rows: Aligned, wheels: tuple[Wheel, ...]) -> Flags:
 
 
 def _path(last: _Last, stamps: Integers, speed: Array, stands: Flags) -> Array:
-    """Paths (m) at rows, by their speeds, and carry on from there."""
+    """Integrate speeds (m/s) to paths (m) at rows, and update `last`; shape (rows,). stamps: ns."""
     size = np.abs(speed)
     size = np.where(size > STANDSTILL_SPEED, size, 0.0)  # of what is not known, too
     before = np.concatenate([[last.speed], size[:-1]])
@@ -121,19 +141,19 @@ def _path(last: _Last, stamps: Integers, speed: Array, stands: Flags) -> Array:
 
 
 def _pressed(state: MotionState, number: int, sinkage: Array) -> Array:
-    """A pressed wheel meets new soil by going deeper than it has been."""
+    """Largest sinkage (m) up to each row: a pressed wheel meets new soil only by going deeper."""
     deepest = state.deepest.get(number, 0.0)
     deep = np.fmax.accumulate(np.concatenate([[deepest], sinkage]))[
         1:
-    ]  # also behind what is not known
+    ]  # also after values that are unknown
     state.deepest[number] = float(deep[-1])
     return deep
 
 
 def _due(state: MotionState, number: int, stamps: Integers, rate: float) -> Flags:
-    """Rows a period of the rate apart; all where the rate is 0.
+    """Mask of the rows that are a period of the rate (1/s) apart; of all rows where the rate is 0.
 
-    Half a period of slack: a sensor of the rate itself loses none by the jitter of its stamps.
+    Half a period of slack: a sensor of the same rate loses none by the jitter of its stamps.
     """
     if rate == 0.0:
         return np.ones(stamps.size, dtype=bool)
@@ -149,7 +169,10 @@ def _due(state: MotionState, number: int, stamps: Integers, rate: float) -> Flag
 
 
 def _onward(state: MotionState, rows: Aligned) -> Flags:
-    """Which way the vehicle goes as a whole; rows one by one only where a wheel changes its way."""
+    """Whether the vehicle as a whole goes forward, (rows,): the direction in which all its wheels turn.
+
+    While they disagree it remains as before.
+    """
     told = ~rows.stands & np.isfinite(rows.slip)
     if told.any() and len(set(state.ways.values())) <= 1:
         way = next(iter(state.ways.values()), bool(rows.forward[told][0]))
@@ -172,11 +195,12 @@ def _onward(state: MotionState, rows: Aligned) -> Flags:
 def rut_of(
     wheels: tuple[Wheel, ...], wheel: Integers, onward: Flags, number: Array
 ) -> tuple[Array, Array]:
-    """Exponent p of the factor exp(p g) on the sinkage of a wheel that runs in a rut.
+    """Compute the depth of the rut that a wheel meets, from the number of passes.
 
-    g is the logarithm of the factor after one earlier pass: p is 0 on fresh ground and 1 at the second pass.
-    It is the mean of two laws of the pass number N: log2 N, where sinkage grows with a power of N (Holm
-    1969), and 2 (1 - 1/N), where the first passes do most of the compaction.
+    It is the exponent p of a factor exp(p g) on the wheel's sinkage, where g is the logarithm of the factor
+    after one earlier pass: p is 0 on fresh ground and 1 at the second pass. It is the mean of two laws of the
+    pass number N: log2 N, where sinkage grows with a power of N (Holm 1969), and 2 (1 - 1/N), where the first
+    passes do most of the compaction.
 
     Parameters
     ----------
@@ -187,12 +211,15 @@ def rut_of(
     onward
         Whether the vehicle goes forward, shape (rows,).
     number
-        Pass number, 1 on fresh ground, shape (rows,). Where it is NaN the wheels ahead in the track count.
+        Pass number, 1 on fresh ground, shape (rows,). Where it is NaN, 1 plus the number of the vehicle's
+        wheels that run ahead in the same track is used.
 
     Returns
     -------
-    passes, doubt : ndarray
-        Shape (rows,): p, and half the difference of the two laws.
+    passes : ndarray
+        p, shape (rows,), 1.
+    doubt : ndarray
+        Half the difference of the two laws, shape (rows,), 1.
     """
     count = np.array([[1.0 + len(ahead_of(wheels, w, way)) for way in (-1.0, 1.0)] for w in wheels])
     number = np.where(np.isnan(number), count[wheel, onward.astype(int)], number)
@@ -202,16 +229,21 @@ def rut_of(
 
 
 def ahead_of(wheels: tuple[Wheel, ...], wheel: Wheel, way: float) -> list[Wheel]:
-    """Wheels that run ahead of a wheel in its track.
+    """Return the rolling wheels that run ahead of a wheel in its track.
 
     Parameters
     ----------
     wheels
         All wheels.
     wheel
-        The wheel.
+        One of them.
     way
         Direction of travel: 1 forward, -1 backward.
+
+    Returns
+    -------
+    list of Wheel
+        Those whose track overlaps that of the wheel; none for a wheel that does not roll.
     """
     return [
         other

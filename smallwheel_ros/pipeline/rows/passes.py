@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often ground has been rolled over, by crossings of the vehicle's own tracks in the odometry's frame.
+"""Number of times that ground has been rolled over, from the vehicle's own tracks in the odometry's frame.
 
-    number = 1 + crossings of this place so far by a wheel that rolls, including this wheel itself
+    number = 1 + earlier crossings of this place by wheels that roll, this wheel included
 
 A track whose middle is within half the wheel's width is the same track; one within a whole width overlaps
 partly, and the number is unknown. It is also unknown without positions, and at the beginning, until a wheel
@@ -28,7 +28,7 @@ _BETWEEN = 0.25  # widths between two points of a track
 
 
 class _Point(NamedTuple):
-    """Where a wheel has been (m), and the travel (m) of the vehicle then."""
+    """Position of a wheel (m, odometry's frame), its number, and the vehicle's travel until then (m)."""
 
     x: float
     y: float
@@ -57,21 +57,21 @@ class Passes:
         self._begin = math.nan
 
     def numbers(self, rows: Aligned, distance: Array, onward: Flags) -> Array:
-        """Pass number of each row.
+        """Compute the pass number at each row, and add the rows to the tracks.
 
         Parameters
         ----------
         rows
-            Aligned rows.
+            Aligned rows, in order of stamps.
         distance
             Distance that the vehicle has travelled, shape (rows,), m.
         onward
-            Whether it goes forward, shape (rows,).
+            Whether the vehicle goes forward, shape (rows,).
 
         Returns
         -------
         ndarray
-            Shape (rows,); NaN where it is not known.
+            Shape (rows,): 1 on fresh ground, 2 at the second pass and so on; NaN where it is not known.
         """
         found = np.full_like(distance, np.nan)
         cosine, sine = np.cos(rows.heading), np.sin(rows.heading)
@@ -120,7 +120,7 @@ class Passes:
                 del self._cells[oldest]
 
     def _crossings(self, point: _Point, width: float) -> float:
-        """1 + the crossings of a place before; NaN where one is met only in part."""
+        """1 + the number of earlier crossings of a place; NaN where a track overlaps it only in part."""
         column, row = self._cell(point)
         near: dict[int, list[_Point]] = {}
         for i in (column - 1, column, column + 1):

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Speed of steered wheels along and across their heading, and the course of a vehicle that steers.
 
-Of a wheel at (x, y) that points d to the left, its middle a to the left of the steering axis:
+For a wheel at (x, y) that points d to the left, and whose middle is a to the left of the steering axis:
 
     c     = (vx - w y, vy + w x)                  velocity of its place
     speed = c . (cos d, sin d) - a dd/dt          compared with its rim's speed
     aside = c . (-sin d, cos d)
     slip angle = atan2(aside, |speed|)
-    variance of speed: + (a dd/dt)^2 + (aside 0.02 rad)^2     a quarter of the diameter where a is not known
+    added to the variance of speed: (a dd/dt)^2 + (aside 0.02 rad)^2
+
+Where a is not known, it is a quarter of the diameter in the variance and 0 elsewhere.
 """
 
 from __future__ import annotations
@@ -21,39 +23,53 @@ from smallwheel_ros.pipeline.checks.believed import BelievedRows, arms_of
 from smallwheel_ros.pipeline.checks.rigid_motion import places_of, rows_along
 from smallwheel_ros.pipeline.tables import Array, Integers, unknown
 
-# rad that wheels point or go off the way, over which sideways forces are a tenth of the grip and more.
+# rad between a wheel's heading, or its motion, and the course: over it sideways forces are a tenth of the
+# grip and more.
 ASIDE = 0.15
 _ANGLE_STD = 0.02  # rad: what potentiometers and servos of steering are off by
 _STEP_S = 0.1 / math.sqrt(12.0)  # s: an angle that came in steps is anywhere within the last tenth
 _SLOWEST = 0.02  # m/s, under which a direction of travel is noise
-_SHOWN = math.radians(60.0)  # of a course up to which the speed ahead tells the whole
+_SHOWN = math.radians(60.0)  # course up to which the whole speed can be computed from that ahead
 _SIDEWAYS = math.radians(
     100.0
 )  # beyond 90 degrees the course is kept to here, so that none flickers
 
 
 class SteeredRows:
-    """Rows of wheels on a vehicle that steers; the angle of wheels that do not roll is 0.
+    """Angles and speeds of the wheels of a vehicle that steers, at given rows.
+
+    Parameters
+    ----------
+    believed
+        Believed rows, from which the steering angles are read.
+    wheel
+        Number of each row's wheel, shape (rows,).
+    stamps
+        Stamp of each row, shape (rows,), ns.
+    order
+        Index of each wheel among the rolling ones, -1 for one that does not roll, shape (wheels,).
+    motion
+        Speeds of the base frame ahead and to the left (m/s), and yaw rate (rad/s), each of shape (rows,).
 
     Attributes
     ----------
     angle
-        Steering angle, rad; NaN if unknown.
+        Steering angle, positive to the left, rad; NaN if unknown, 0 for a wheel that does not roll.
     speed, aside
-        Speed along the heading and to its left, m/s.
+        Speed over ground of the wheel along its heading and to the left of it, m/s.
     lever
-        Factor of the yaw rate in the speed, m.
+        Factor of the yaw rate in `speed`, m.
     std
-        Part of the speed's standard deviation that is due to steering, m/s.
+        Part of the standard deviation of `speed` that is due to steering, m/s.
     slip_angle
-        Direction of the wheel's motion to the left of its heading, rad.
+        Direction of the wheel's motion to the left of its heading, rad; NaN where it hardly moves.
     """
 
     def __init__(
         self, believed: BelievedRows, wheel: Integers, stamps: Integers, order: Integers,
         motion: tuple[Array, Array, Array],
     ) -> None:  # fmt: skip
-        """order: number among the rolling wheels of each wheel. motion: vx, vy, yaw rate at the rows."""
+        """Compute all attributes; see the class."""
         settings = believed.settings
         own, row = order[wheel], np.arange(stamps.size)
         angles, rates = believed.steering(stamps)
@@ -77,7 +93,10 @@ class SteeredRows:
 
 
 def _reach(settings: OnboardSettings, number: int) -> float:
-    """Size (m) of the distance of a rolling wheel's middle from its steering axis."""
+    """Distance (m) of a rolling wheel's middle from its steering axis; its likely size where it is unknown.
+
+    number: index of the wheel among the rolling ones.
+    """
     wheel = settings.rolling[number]
     steered = settings.steered.get(wheel.name)
     if steered is None:
@@ -88,11 +107,11 @@ def _reach(settings: OnboardSettings, number: int) -> float:
 def speed_aside(
     settings: OnboardSettings, told: Array, ahead: Array, turn: Array, course: Array
 ) -> Array:
-    """Compute the sideways speed of the base frame: as measured, or as the wheels' angles imply.
+    """Compute the sideways speed of the base frame: as measured, or else as the wheels' angles imply.
 
-    Wheels that are not steered allow no sideways motion of the line that they stand on. Where all are
-    steered, the vehicle goes in the direction of its rims, at its speed ahead; nearly sideways that is
-    unknown.
+    Wheels that are not steered do not move sideways; the base frame ahead of or behind them then does so in
+    turns only. Where all wheels are steered, the vehicle moves in the direction in which its wheels roll; if
+    that is over 60 degrees from straight ahead, the sideways speed is unknown.
 
     Parameters
     ----------
@@ -121,28 +140,29 @@ def speed_aside(
 
 
 class Course:
-    """Direction of travel of the vehicle by its rims, within 90 degrees of straight ahead, also in reverse.
+    """Direction of travel of the vehicle by its rims and steering angles.
 
-    The last one is kept while the vehicle hardly moves, or while the rims do not determine it.
+    It is within 90 degrees of straight ahead, also in reverse. The last direction is kept while the vehicle
+    hardly moves, or while the rims do not determine it.
     """
 
     def __init__(self) -> None:
         self._last = 0.0
 
     def take(self, believed: BelievedRows, stamps: Integers) -> Array:
-        """Course at stamps, positive to the left.
+        """Compute the direction of travel, relative to the vehicle's heading, at stamps.
 
         Parameters
         ----------
         believed
-            Streams as they are believed.
+            Believed rows.
         stamps
-            Rising, shape (rows,), ns.
+            Shape (rows,), ns, none before those of earlier calls.
 
         Returns
         -------
         ndarray
-            Shape (rows,), rad; NaN before the rims have moved.
+            Shape (rows,), rad, positive to the left; 0 before the vehicle has moved.
         """
         instants, index = np.unique(stamps, return_inverse=True)
         vx, vy, _ = believed.motion_of_rims(instants, believed.each_rim(instants))
@@ -157,25 +177,25 @@ class Course:
 
 
 def _folded(way: float, last: float) -> float:
-    """Whichever of a direction and its opposite is near the last course, at most `_SIDEWAYS` from ahead."""
+    """A direction or its opposite (rad), whichever is nearer the last course, within `_SIDEWAYS` of ahead."""
     near = last + math.remainder(way - last, math.pi)
     return near if abs(near) <= _SIDEWAYS else math.remainder(way, math.pi)
 
 
 def along_course(course: Array, ahead: Array, left: Array) -> tuple[Array, Array]:
-    """Components of a vector along the course and to its left.
+    """Turn vectors from axes along the heading into axes along the course.
 
     Parameters
     ----------
     course
-        To the left of the heading, rad, any shape.
+        Angle of the course to the left of the heading, rad, any shape.
     ahead, left
-        Components along the heading and to its left, same shape.
+        Components along the heading and to its left, same shape, any unit.
 
     Returns
     -------
     along, across : ndarray
-        In the unit of the components.
+        Components along the course and to its left, same shape and unit.
     """
     cosine, sine = np.cos(course), np.sin(course)
     return cosine * ahead + sine * left, cosine * left - sine * ahead

@@ -3,10 +3,10 @@
 
     hazard = slip + 2 (max(sin slope, 0)/2 + max(-dv/dt, 0)/g) - one deviation by the scatter of the speed
 
-slip: of the middle wheel, the share of grip that is in use: a mean over half a second, extrapolated
-to its end where slip grows. Loss of speed: pull that is already missing. Slope: half of the pull
-that it demands, since slip answers to a slope within a second. All are taken along the direction in
-which the rims turn.
+Slip shows the share of the grip that is in use: the median over the wheels of means over half a second,
+extrapolated to the end of that time where slip grows. Loss of speed is pull that is already missing. Of the
+slope half of the pull that it demands counts, since slip answers to a slope within a second. All are taken
+along the direction in which the rims turn.
 
 There are two levels: over 0.4 the vehicle may get stuck, over 0.5 it gets stuck. Either begins where slip
 grows, speed is lost, or slip alone is over that limit: a vehicle that climbs at a steady slip below it gets
@@ -39,7 +39,7 @@ from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 from smallwheel_ros.pipeline.tables import Array, Columns, Integers, Readings, unknown
 
 PERIOD = SECOND // 10  # ns, an instant; all constants were found at 10 Hz
-HELD = 0.5  # s, for which a wheel's row is taken on
+HELD = 0.5  # s, for which a wheel's row stays in use
 SLIP_S, TREND_S, READINGS = 0.5, 1.0, 5  # s: of a mean, of a line; readings of the speed in a mean
 SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a pull of 0.2
 # Of a slope. By the law of slip alone it counts nothing once slip has answered; of 17 immobilisations in snow
@@ -47,7 +47,7 @@ SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a
 OF_SLOPE = 0.5
 # Of the hazard, and of slip alone: by the 17 in snow, on even ground.
 FIRST, SECOND_LEVEL = 0.4, 0.5
-HOLDS = 0.1  # of the hazard under its level, down to which a level goes on: noise of slip made several of one
+HOLDS = 0.1  # a level ends when the hazard is by so much below it: else noise of slip makes several of one
 SLIPS, SURELY = 0.3, 2.0  # slip that is of the first level by itself, by so many deviations
 # Deviations by which slip has to be over 0. They are what 0.8 of the errors keep to, and those of odometries
 # have heavy tails: by two, 7 warnings on 190 m of wet grass were false, by 2.5 three.
@@ -64,30 +64,32 @@ ROLLED, START_S = 0.30, 3.0
 BACK_S = 1.0
 BRAKES = 0.30  # of g: wheels that pull cannot brake so
 GAINS = 0.10  # m/s^2: what gains speed so fast is not getting stuck
-REPEAT, APART = 5.0, 2.0  # s, between two messages that it goes on; a gap that ends it
-# Of each level, at least. In snow 17 of 25 warnings were of a vehicle that got stuck, 17 of 19 of the second.
+REPEAT, APART = 5.0, 2.0  # s: between messages of one warning; gap after which a new one begins
+# Least risk at each level. In snow 17 of 25 warnings of the first level came before a vehicle got stuck, and
+# 17 of 19 of the second.
 RISKS = (0.0, 0.5, 0.9)
 _KEEP = 10 * SECOND  # ns of instants: a trend of a speed that comes once a second
 
 
 @dataclass(frozen=True)
 class Instants(Columns):
-    """The vehicle ten times a second; NaN if unknown.
+    """Motion of the vehicle ten times a second; NaN if unknown.
 
     Attributes
     ----------
     stamp
         End of the tenth, ns.
     rim, ground, ground_std
-        Speeds of the wheels' rims and over ground, (rows, wheels), m/s. On a vehicle that steers, their
-        components along its course.
+        Speeds of the rolling wheels' rims, their speeds over ground, and the standard deviations of these,
+        (rows, rolling wheels), m/s. On a vehicle that steers, the speeds' components along its course.
     speed
-        Speed of the vehicle, m/s.
+        Speed of the vehicle, along its course, m/s.
     rise
-        Sine of the slope, nose up.
+        Sine of the slope along the course, nose up.
     felt
-        Specific force ahead (along the course), m/s^2: slope and gain of speed by the accelerometer, or by
-        odometry.
+        Specific force along the course, m/s^2: g sin(slope) + dv/dt by the accelerometer, or by odometry.
+    course
+        Direction of travel to the left of the vehicle's heading, rad; 0 on a vehicle that does not steer.
     apart
         Largest angle between a wheel's heading or motion and the course, rad.
     """
@@ -114,12 +116,15 @@ class Warned(Columns):
 
     Attributes
     ----------
+    stamp
+        As in `Instants`, ns.
     hazard, slip
-        1; NaN where they are not judged.
+        Hazard as defined in this module, and slip of the middle wheel, 1; NaN where they are not judged.
     level
         0: none; 1: may get stuck; 2: gets stuck (the rolling wheels dig in).
     told
-        The level, at the one instant at which its warning is to be issued; else 0.
+        The level at instants at which its warning is to be issued: when it begins, and every 5 s as long as
+        it holds; else 0.
     """
 
     stamp: Integers
@@ -131,9 +136,16 @@ class Warned(Columns):
 
 @dataclass(frozen=True)
 class _Hazard:
-    """Of an instant: hazard, slip, what slip surely is; whether slip grows or speed is lost.
+    """Hazard at one instant; NaN where it is not judged.
 
-    NaN: not judged.
+    Attributes
+    ----------
+    value
+        The hazard, 1.
+    slip, surely
+        Slip of the middle wheel, and the same less two deviations, 1.
+    grows
+        Whether slip grows, or speed is lost.
     """
 
     value: float = np.nan
@@ -157,8 +169,12 @@ class Warnings:
 
     Attributes
     ----------
+    rolling
+        Numbers of the wheels that roll.
+    side
+        Distances of these wheels to the left of the base frame, m.
     done
-        Instants of the newest block, and those of `_KEEP` before them; None before the first.
+        Instants of the newest block, and those of the 10 s before them; None before the first.
     """
 
     def __init__(
@@ -171,7 +187,7 @@ class Warnings:
         self._open: Readings | None = None
         self._imu: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((0, 9))
         self._speeds: Integers = np.empty(0, dtype=np.int64)
-        # Of each wheel: time, rim, ground and its deviation, how far off the course.
+        # Of each wheel: time, rim, ground and its deviation, angle off the course.
         self._newest = np.full((self.rolling.size, 5), np.nan)
         self.done: Instants | None = None
         self._slips: Array = np.empty(0)  # of each of these, whether judged or not
@@ -187,24 +203,25 @@ class Warnings:
         imu: tuple[Integers, Array] | None,
         until: int,
     ) -> tuple[Instants, Warned] | None:
-        """Process rows up to a watermark.
+        """Judge all tenths of a second that have ended.
 
         Parameters
         ----------
         rows
-            Readings; None if there are none.
+            New readings, in order of stamps; None if there are none.
         speeds
-            Stamps of the odometry in the block, ns; they show its period.
+            Stamps of the new messages of the ground speed, shape (messages,), ns; they show its period.
         imu
-            Stamps (ns) and rows (yaw rate, specific force, direction of up) of the IMU in the
-            block.
+            Stamps (ns) and rows of the new messages of the imu, columns as in `BelievedRows.felt`; None if
+            there are none.
         until
-            The watermark, ns.
+            Stamp up to which all rows have arrived, ns.
 
         Returns
         -------
         (Instants, Warned) or None
-            None if no tenth of a second has ended.
+            The new instants, in tenths of a second in which there were readings, and the warning at each;
+            None if there are none.
         """
         if rows is not None:
             self._open = rows if self._open is None else Readings.joined([self._open, rows])
@@ -232,7 +249,7 @@ class Warnings:
         return found
 
     def _instants(self, rows: Readings) -> Instants:
-        """Rows of closed tenths, put together."""
+        """Combine the rows of tenths that have ended to one instant each."""
         bins = rows.stamp // PERIOD
         kept = np.unique(bins)
         wheels = self.rolling.size
@@ -273,7 +290,10 @@ class Warnings:
         )
 
     def _felt(self, kept: Integers, course: Array) -> tuple[Array, Array]:
-        """Means of the accelerometer along the course, and of the sine of the slope, in each tenth."""
+        """Mean specific force (m/s^2) and mean sine of the slope, both along the course, in each tenth.
+
+        kept: numbers of the tenths. course: rad, shape (tenths,).
+        """
         ahead, up = np.full((2, kept.size), np.nan)
         if not self._imu[0].size:
             return ahead, up
@@ -304,7 +324,7 @@ class Warnings:
         return Warned(done.stamp[first:], hazard, slip, level, told)
 
     def _told(self, now: float, level: int) -> int:
-        """At the rise, and every `REPEAT` s while it holds."""
+        """Level whose warning is to be issued now: where it begins, and every `REPEAT` s; else 0. now: s."""
         told = 0
         for one in (0, 1):
             if level > one:
@@ -314,7 +334,7 @@ class Warnings:
         return told
 
     def _hazard(self, done: Instants, i: int) -> _Hazard:
-        """Of an instant."""
+        """Hazard at the instant with index i; it also updates whether a start is over."""
         time = done.time[: i + 1] - done.time[i]
         rate = self._rate(int(done.stamp[i]))
         slip_s, trend_s = max(SLIP_S, READINGS / rate), max(TREND_S, 2 * READINGS / rate)
@@ -351,7 +371,8 @@ class Warnings:
         less = DEVIATIONS * (deviation if np.isfinite(deviation) else 0.0)
         runs = bool(rolls > DRIVES and rim.min() > -0.05)
         self._began = min(self._began, float(done.time[i])) if runs else np.inf
-        # What goes against the rims slips by more than 1: how surely is by that, not by the limit of slip.
+        # A vehicle that goes against its rims slips by more than 1; this, not the limit 1, is compared with
+        # the deviations.
         back = float(np.median(-ground / np.maximum(rim, SLOWEST_RIM)))
         shown = slip if self._has_rolled else max(slip, 1.0 + back)
         surely_slips = shown > MAY_BE_NONE * unsure
@@ -369,7 +390,7 @@ class Warnings:
         return _Hazard(value, slip, slip - SURELY * deviation, bool(grows))
 
     def _rate(self, stamp: int) -> float:
-        """Messages of the speed a second, over the last five."""
+        """Mean rate (1/s) of messages of the ground speed in the 5 s before a stamp (ns); 10 for under 3."""
         first, last = np.searchsorted(self._speeds, [stamp - 5 * SECOND, stamp])
         if last - first < 3:
             return 10.0
@@ -378,7 +399,7 @@ class Warnings:
 
 
 def _level_of(one: _Hazard, before: int) -> int:
-    """Level of an instant: what begins now, or goes on. before: level of the last instant."""
+    """Level at an instant: one that begins, or the last instant's (`before`) as far as it goes on."""
     value = one.value
     begins = 0
     if value > SECOND_LEVEL and (one.grows or one.slip > SECOND_LEVEL):
@@ -390,13 +411,16 @@ def _level_of(one: _Hazard, before: int) -> int:
 
 
 def _slip(rim: Array, ground: Array) -> float:
-    """Slip of the middle wheel, -1 to 1."""
+    """Median slip over the wheels, -1 to 1; of rim speeds, positive, and ground speeds, m/s, (wheels,)."""
     middle = float(np.median(1.0 - ground / np.maximum(rim, SLOWEST_RIM)))
     return min(max(middle, -1.0), 1.0)
 
 
 def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
-    """Slope (1/s) of a line and the scatter about it; 0 and NaN until half of the span is there."""
+    """Slope of a fitted line (unit of the values per s), and the standard deviation about it.
+
+    0 and NaN for less than half of the span `seconds`, or under 4 values.
+    """
     good = np.isfinite(values)
     time, values = time[good], values[good]
     if len(time) < 4 or not time[-1] - time[0] > 0.5 * seconds:
@@ -407,39 +431,40 @@ def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
 
 
 def level_at(instants: Integers, levels: Integers, stamps: Integers) -> Integers:
-    """Look up the warning level at stamps: that of the newest instant, 0 before the first.
+    """Look up the level of the warning at stamps: that of the newest instant at or before each.
 
     Parameters
     ----------
     instants
-        Rising, shape (instants,), ns.
+        Stamps of the instants, rising, shape (instants,), ns.
     levels
-        0, 1 or 2, shape (instants,).
+        Level at each instant, 0, 1 or 2, shape (instants,).
     stamps
         Shape (rows,), ns.
 
     Returns
     -------
     ndarray
-        Shape (rows,).
+        Shape (rows,): 0, 1 or 2; 0 before the first instant.
     """
     place = np.searchsorted(instants, stamps, side="right") - 1
     return np.where(place >= 0, levels[np.maximum(place, 0)], 0)
 
 
 def risk_of(risk: Array, level: Integers) -> Array:
-    """Probability of getting stuck within a metre: that by the margin, but at least `RISKS` of the level.
+    """Combine the risk of getting stuck by the margin with the level of the warning.
 
     Parameters
     ----------
     risk
         Probability of getting stuck by the margin alone, shape (rows,), 0 to 1; NaN where not known.
     level
-        0, 1 or 2, shape (rows,).
+        Level of the warning, 0, 1 or 2, shape (rows,).
 
     Returns
     -------
     ndarray
-        Shape (rows,); NaN only where the risk is not known and the level is 0.
+        Shape (rows,): the risk, at least 0.5 at level 1 and 0.9 at level 2; NaN only where it is not known
+        and the level is 0.
     """
     return np.asarray(np.where(level > 0, np.fmax(risk, np.array(RISKS)[level]), risk))

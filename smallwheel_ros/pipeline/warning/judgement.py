@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warnings, and the margin of any ground: believed rows in, warning and margin at each row out.
+"""Warnings, and the margin of any ground: readings in, warning and margin at each of them out.
 
     judged    each 0.1 s: hazard, its levels, and which wheels spin on the spot; each second: the margin
 
@@ -28,27 +28,30 @@ from .hazard import Instants, Warned, Warnings, level_at
 from .margin import AnyGround, Margins
 
 _SURELY = 2.0  # deviations of the speed over ground
-_ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some tenths later
+_ASKED_STALE = 2 * SECOND  # ns that a risk holds: it is known some tenths after its second
 
 
 @dataclass(frozen=True)
 class Judged(Columns):
-    """Warning and margin of any ground at each row; arrays of shape (rows,).
+    """Warning and margin of the ground at each row; arrays of shape (rows,).
+
+    The margin is that by slip and accelerometer alone, without knowledge of the soil (`AnyGround`).
 
     Attributes
     ----------
     level
-        Level of the warning.
+        Level of the warning: 0, 1 (may get stuck) or 2 (gets stuck).
     spins
-        Whether the wheel spins on the spot.
+        Whether the wheel spins on the spot, as most of the vehicle does.
     margin, margin_std
-        Margin at this place and its standard deviation, 1.
+        Mean margin of ground ahead and its standard deviation, 1, from `GroundMargin.moments`.
     median, lower_std, beyond
-        Belief about ground like this, as given by `GroundMargin.ahead`.
+        Belief about ground ahead as given by `GroundMargin.ahead`, 1.
     asked
-        Pull over load that the vehicle continues to need.
+        Pull over load that the last metre has required, and that the next is taken to require, 1; NaN if
+        unknown.
     risk
-        Probability that such ground does not give `asked` at any slip; NaN if unknown.
+        Probability, 0 to 1, that ground ahead does not give `asked` at any slip; NaN if unknown.
     """
 
     level: Integers
@@ -63,16 +66,20 @@ class Judged(Columns):
 
 
 class Judgement:
-    """Warnings and the margin of any ground for one vehicle.
+    """Warnings and the margin of any ground (see `margin`) for one vehicle.
 
     Attributes
     ----------
+    warnings
+        Computes the warning.
+    ground
+        Computes the margin.
     warned
         State of the warning in the newest turn; None if no tenth of a second has ended.
     instants
-        The instants of `warned`.
+        The instants of `warned`, or None.
     stuck
-        At which of `instants` the rims turn and the vehicle does not move.
+        Whether the rims turn and the vehicle does not move at each of the newest instants, (instants,).
     """
 
     def __init__(self, settings: OnboardSettings) -> None:
@@ -99,19 +106,19 @@ class Judgement:
     # --- Warning and margin
 
     def take(self, rows: Readings, believed: BelievedRows) -> Judged:
-        """Process rows; `warned` then holds the new instants.
+        """Process new readings, and update `warned`, `instants` and `stuck`.
 
         Parameters
         ----------
         rows
-            Readings.
+            New readings, in order of stamps.
         believed
-            Streams as they are believed.
+            The believed rows that they were assembled from.
 
         Returns
         -------
         Judged
-            Warning and margin at each row.
+            Warning and margin at each reading.
         """
         rows = self._by_ground(rows, believed)
         self._anew += believed.motion_anew()
@@ -127,7 +134,7 @@ class Judgement:
             margins = self.ground.take(instants, self._anew)
             self._anew = []
             if margins is not None:
-                # A second is over with the first instant behind it: from there on its margin holds.
+                # The margin of a second holds from the first instant after that second.
                 behind = np.searchsorted(instants.stamp, margins.stamp, side="right")
                 margins = replace(margins, stamp=instants.stamp[behind])
                 old = self._margins
@@ -140,7 +147,7 @@ class Judgement:
         return found
 
     def _by_ground(self, rows: Readings, believed: BelievedRows) -> Readings:
-        """Rows without speeds that are of the wheels: these show no slip, and teach nothing of the ground."""
+        """Readings with NaN for ground speeds that are computed from the wheels, and so show no slip."""
         of_wheels = believed.trust(rows.stamp).of_wheels
         if not of_wheels.any():
             return rows
@@ -155,21 +162,21 @@ class Judgement:
 
     @property
     def slip(self) -> float:
-        """Slip of the middle wheel, while there is a warning level."""
+        """Slip of the middle wheel at the newest instant, 1; NaN where it is not judged."""
         return self._slip
 
     @property
     def level(self) -> int:
-        """Present level of the warning."""
+        """Present level of the warning: 0, 1 or 2."""
         return int(self._levels[1][-1])
 
     def _spin(self, count: int) -> None:
-        """Whether the vehicle surely gets nowhere at the newest instants, so many of them.
+        """Update `stuck` by `count` new instants: whether the vehicle surely stays while its rims turn.
 
-        Over a second, by the means of its rims and of their ways. Its middle, since wheels that get stuck
-        spin on a diagonal while the others stand. Rims that all the while drive one way, by more than noise:
-        who stands does not spin, nor who turns on the spot. Surely: by two deviations of the speed over
-        ground, which is off by as much for the whole second.
+        Each is judged by the second before it. The vehicle is judged as a whole, since one that is stuck may
+        spin two wheels on a diagonal while the others stand. One whose rims stand, or drive both ways as in a
+        turn on the spot, is not stuck. Surely means by two deviations of the speed over ground, whose error
+        lasts for the whole second.
         """
         whole = self.warnings.done
         assert whole is not None
@@ -215,9 +222,10 @@ class Judgement:
 
 
 def _gets_nowhere(rims: Array, ground: Array, spread: Array) -> bool:
-    """Whether a vehicle's rims drive on all the time of some instants, and it does not.
+    """Whether a vehicle's rims drive one way at all of some instants while the vehicle surely does not move.
 
-    m/s, of the rims, over ground and its deviation, (instants, wheels).
+    rims, ground, spread: speeds of the rims, over ground, and the latter's deviation, (instants, wheels),
+    m/s.
     """
     known = (np.isfinite(rims) & np.isfinite(ground)).all(axis=0)
     if 2 * known.sum() <= known.size:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Margin of any ground from slip and accelerometer, without mass, load cell, torque or the soil's name.
+"""Margin of any ground, of unknown soil: from slip and accelerometer, without mass, load cell or torque.
 
     pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R
     margin                                p(reference slip)
@@ -49,7 +49,7 @@ GRIP = (0.40, 0.70)  # wet ice 0.1, snow 0.3, sand 0.4, grass 0.5, gravel 0.6, a
 SOFTNESS = (0.10, 0.70)  # rubber on asphalt 0.03, loose sand and snow 0.3
 RESISTANCE = (0.05, 0.80)  # asphalt 0.015, wheels deep in sand or snow 0.2
 OFFSET = 0.02  # rad, of the accelerometer against the vehicle
-RADIUS = 0.05  # of all slips alike: found on four robots, 0.00 to 0.07
+RADIUS = 0.05  # error of all slips alike, by the wheels' radius: 0.00 to 0.07 on four robots
 REACH = 2.5  # standard deviations of the prior
 LAW = 0.03  # scatter of a second's pull about the law: bumps, turning
 SHARE = 0.5  # of a second's likelihood: seconds follow each other with a correlation of 0.4
@@ -61,9 +61,9 @@ AHEAD = 0.08  # of margin: scatter between places (snow, 17 places: 13 within th
 # of six, and a real one drove 215 m without being stuck.
 _AHEAD_OF = 0.2
 POINTS = 4096  # a step in under 2 ms
-ASKED = 1.0  # m, over which what is asked for is averaged
+ASKED = 1.0  # m, over which the pull that the vehicle needs is averaged
 STEP = SECOND  # ns
-_MEASURED = 0.5  # of the information, over which a margin is no prior any more
+_MEASURED = 0.5  # share of the information from which on a margin counts as measured
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
@@ -76,9 +76,7 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 
 
 def information(deviation: Array | float, reference_slip: float) -> Array:
-    """Share of the information about a margin that this drive has given, 0 to 1; NaN where the input is NaN.
-
-    It is 0 for a margin known only as that of any ground, and 1 for one known exactly.
+    """Compute how much a drive has revealed of a margin, as 1 - its variance / that of any ground.
 
     Parameters
     ----------
@@ -86,44 +84,59 @@ def information(deviation: Array | float, reference_slip: float) -> Array:
         Standard deviation of the margin, 1, any shape.
     reference_slip
         Slip at which the margin is defined, 1.
+
+    Returns
+    -------
+    ndarray
+        Same shape: 0 for a margin that is no better known than that of any ground before driving, 1 for one
+        known exactly; NaN where the deviation is NaN.
     """
     prior = unknown_ground(reference_slip)[1]
     return np.asarray(np.clip(1.0 - np.square(deviation) / prior**2, 0.0, 1.0))
 
 
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
-    """Whether a margin is still essentially its prior: over half of any ground's variance is left.
-
-    True also for NaN, a margin of which nothing was measured.
+    """Tell whether a margin is hardly better known than that of any ground before driving.
 
     Parameters
     ----------
     deviation
-        Standard deviation of the margin, 1, any shape.
+        Standard deviation of the margin, 1, any shape; NaN where nothing was measured.
     reference_slip
         Slip at which the margin is defined, 1.
+
+    Returns
+    -------
+    ndarray
+        Same shape, bool: True where over half of the variance of any ground is left, or where the deviation
+        is NaN.
     """
     return np.asarray(~(information(deviation, reference_slip) >= _MEASURED))
 
 
 def scatter_ahead(margin: Array | float) -> Array:
-    """Standard deviation of the margin of places about the mean of ground with this margin, 1."""
+    """Standard deviation (1) of the margin from place to place, on ground of this mean margin."""
     return np.asarray(AHEAD * np.clip(np.asarray(margin) / _AHEAD_OF, 0.0, 1.0))
 
 
 def risk_ahead(
     asked: Array | float, median: Array | float, lower_std: Array | float, beyond: Array | float
 ) -> Array:
-    """Probability that a place ahead gives less than is required, at any slip.
+    """Compute the probability that a place ahead gives less pull than is required, at whatever slip.
 
-    It equals the cost of a cell of the cost map whose slope requires as much. NaN where NaN.
+    It equals the cost of a cell of the cost map whose slope requires as much.
 
     Parameters
     ----------
     asked
         Required pull over load, 1, any shape.
     median, lower_std, beyond
-        See `Margins`; same shape.
+        Belief about ground ahead, as given by `GroundMargin.ahead`, 1, same shape.
+
+    Returns
+    -------
+    ndarray
+        Same shape, 0 to 1; NaN where any input is NaN.
     """
     spread = np.hypot(lower_std, scatter_ahead(median))
     return np.asarray(falls_short(np.asarray(median) + beyond, spread, asked))
@@ -131,12 +144,12 @@ def risk_ahead(
 
 @lru_cache
 def unknown_ground(reference_slip: float) -> tuple[float, float]:
-    """Mean and deviation of the margin of unknown ground."""
+    """Mean and standard deviation of the margin of any ground before driving, 1."""
     return GroundMargin(reference_slip).moments()
 
 
 class GroundMargin:
-    """Weighted points of grip, softness, resistance, offset and radius: the belief about the ground.
+    """The belief about the ground, as weighted points drawn from a prior; arrays of shape (points,).
 
     Parameters
     ----------
@@ -145,10 +158,18 @@ class GroundMargin:
 
     Attributes
     ----------
+    grip, softness, resistance
+        H, K and R of the law in this module's docstring, 1.
+    offset
+        Zero error of the accelerometer, over g, 1.
+    radius
+        Error of all slips, by the wheels' radius, 1.
+    margins
+        Margin of each point, 1.
     logs
-        Logarithms of the points' weights by the slips at the pulls that were needed.
+        Logarithms of the points' weights, unnormalised, by the slips at the pulls that were needed.
     crossed
-        Logarithms of the points' weights by the metres crossed.
+        Logarithms of further weights, by the metres that the vehicle has crossed.
     """
 
     def __init__(self, reference_slip: float) -> None:
@@ -177,7 +198,7 @@ class GroundMargin:
         self.crossed *= kept
 
     def cross(self, metres: float, asked: float) -> None:
-        """Update the belief with the fact that the vehicle has crossed a path.
+        """Update the belief by the fact that the vehicle got over a piece of path.
 
         Parameters
         ----------
@@ -189,12 +210,12 @@ class GroundMargin:
         self.crossed += metres * log_ndtr((self._most - asked) / AHEAD)
 
     def update(self, slip: float, deviation: float, pull: float, way: float) -> None:
-        """Update the belief with the mean slip over a second, at the pull that was needed.
+        """Update the belief by the mean slip over a second, at the pull that was needed.
 
         Parameters
         ----------
         slip, deviation
-            Mean slip and its deviation, 1.
+            Mean slip, positive where the wheels drive, and its standard deviation, 1.
         pull
             Specific force along the direction of travel, divided by g, 1.
         way
@@ -216,29 +237,35 @@ class GroundMargin:
 
     @property
     def weights(self) -> Array:
-        """Weights of the points; their sum is 1."""
+        """Weights of the points by slips alone, (points,); their sum is 1."""
         return _normalised(self.logs)
 
     def quantiles(self, levels: tuple[float, ...] = (0.025, 0.5, 0.975)) -> Array:
-        """Quantiles of the margin here, 1, at levels between 0 and 1."""
+        """Quantiles of the margin of the present ground, 1, at levels between 0 and 1; shape (levels,)."""
         return _quantiles(self.margins, self._order, self.weights, levels)
 
     def moments(self) -> tuple[float, float]:
-        """Mean and standard deviation of the margin of ground ahead."""
+        """Mean and standard deviation of the margin of ground ahead, 1, the scatter of places included."""
         weights = self.weights
         mean = float(weights @ self.margins)
         return mean, math.sqrt(float(weights @ (self.margins - mean) ** 2) + AHEAD**2)
 
     def ahead(self) -> tuple[float, float, float]:
-        """Summarise the belief about ground like this: median, lower deviation, reserve, all dimensionless.
+        """Summarise the belief about ground like the present by three numbers, from which risks are computed.
 
-        They are the median of the margin; the standard deviation of a normal distribution with the same lower
-        half as the distribution of the largest pull over load that the ground gives at any slip; and how
-        much that largest pull exceeds the margin, by their medians.
+        The belief has a long upper tail: by its mean and standard deviation, level ground on which a vehicle
+        has driven for 10 s would stop it at 10 % of the places; by the points themselves, and by these three
+        numbers, at 1.6 %.
 
-        Risks are computed from these, since the belief has a long upper tail: by its mean and standard
-        deviation, level ground on which a vehicle has driven for 10 s would stop it at 10 % of the places; by
-        the points themselves, and by these three numbers, at 1.6 %.
+        Returns
+        -------
+        median : float
+            Median of the margin, 1.
+        lower_std : float
+            Standard deviation of a normal distribution with the same lower half as that of the largest pull
+            over load that the ground gives at any slip, 1.
+        beyond : float
+            Median of that largest pull over load less the median of the margin, 1.
         """
         weights = _normalised(self.logs + self.crossed)
         (median,) = _quantiles(self.margins, self._order, weights, (0.5,)).tolist()
@@ -253,7 +280,7 @@ def _normalised(logs: Array) -> Array:
 
 
 def _quantiles(values: Array, order: Integers, weights: Array, levels: tuple[float, ...]) -> Array:
-    """Of weighted values. order: that sorts them."""
+    """Quantiles of weighted values at levels between 0 and 1. order: indices that sort the values."""
     total = np.cumsum(weights[order])
     place = np.minimum(np.searchsorted(total, levels), len(total) - 1)
     return np.asarray(values[order][place])
@@ -261,22 +288,23 @@ def _quantiles(values: Array, order: Integers, weights: Array, levels: tuple[flo
 
 @dataclass(frozen=True)
 class Margins(Columns):
-    """Belief after each second about the margin of ground ahead; all NaN until a drive has shown any of it.
+    """Belief about the margin of the ground after each second; before any evidence it is the prior.
 
     Attributes
     ----------
     stamp
         End of the second, ns.
     margin, margin_std
-        Mean margin and its standard deviation, 1.
+        Mean margin of ground ahead and its standard deviation, 1, from `GroundMargin.moments`.
     low, middle, high
-        2.5, 50 and 97.5 % quantiles of the margin here, 1.
+        2.5, 50 and 97.5 % quantiles of the margin of the present ground, 1.
     median, lower_std, beyond
-        As given by `GroundMargin.ahead`.
+        Belief about ground ahead as given by `GroundMargin.ahead`, 1.
     asked
-        Pull over load that the vehicle continues to need, 1.
+        Pull over load that the vehicle has needed, averaged over the last metre, 1; NaN if unknown.
     risk
-        Probability that the ground does not give `asked`, as given by `risk_ahead`.
+        Probability that ground ahead does not give `asked`, from `risk_ahead`; NaN until slip has shown
+        anything of the ground.
     """
 
     stamp: Integers
@@ -293,16 +321,23 @@ class Margins(Columns):
 
 
 class AnyGround:
-    """Computes the margin of any ground from instants of `Warnings`.
+    """Computes the margin of any ground from the instants of `Warnings`, second by second.
 
     Parameters
     ----------
     side
-        How far each rolling wheel is to the left of the middle, shape (wheels,), m.
+        Distance of each rolling wheel to the left of the base frame, shape (rolling wheels,), m.
     reference_slip
         Slip at which the margin is defined, 1.
     gravity
         Acceleration of gravity, m/s^2.
+
+    Attributes
+    ----------
+    ground
+        The present belief.
+    steps
+        Number of seconds whose slip has been learnt from since the belief last began anew.
     """
 
     def __init__(self, side: Array, reference_slip: float, gravity: float = GRAVITY) -> None:
@@ -319,19 +354,19 @@ class AnyGround:
         self._anew: list[int] = []  # stamps that no step has come to yet
 
     def take(self, instants: Instants, anew: Sequence[int] = ()) -> Margins | None:
-        """Process instants.
+        """Learn from all seconds that have ended.
 
         Parameters
         ----------
         instants
             New instants.
         anew
-            Stamps at which what was learnt before is dropped, ns.
+            Stamps at which everything learnt before them is dropped, ns.
 
         Returns
         -------
         Margins or None
-            None if no second has ended, or no wheel rolls.
+            The belief after each second that has ended; None if there is none, or no wheel rolls.
         """
         self._anew += anew
         if not self.side.size:
@@ -386,9 +421,9 @@ class AnyGround:
     def _learn(
         self, rows: Instants, rims: Array, rim: float, speed: float, pull: float, noise: float
     ) -> None:
-        """Where both sides run the same way, it is no turn, and no wheel goes across the way.
+        """Update the belief by a second, except in a turn, or where a wheel points or moves off the course.
 
-        It stays the margin of wheels along the way, since wheels can be straightened.
+        The margin thus remains that of wheels along the course, into which they can be turned.
         """
         if rows.apart.max() > ASIDE:
             return
@@ -404,7 +439,10 @@ class AnyGround:
             self.steps += 1
 
     def _noise(self, number: int, speed: float, gain: float) -> float:
-        """Deviation of a step's speed, m/s: what its change and the accelerometer do not share."""
+        """Standard deviation (m/s) of the mean speeds of steps, from changes that the accelerometer misses.
+
+        number: of the step. speed: its mean, m/s. gain: mean dv/dt by the accelerometer, over g.
+        """
         last = self._last
         if (
             last is not None

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class WarningLevel(IntEnum):
-    """How near the vehicle is to getting stuck; numbers of VehicleMobility.msg.
+    """Level of the warning that the vehicle gets stuck; the values are the numbers in VehicleMobility.msg.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class WarningLevel(IntEnum):
     sentence: str
 
     def __new__(cls, number: int, meaning: str = "", sentence: str = "") -> Self:
-        """A level with its words; where no sentence is given, its meaning is the warning."""
+        """Make a level of a number with its words; without a sentence the meaning serves as one."""
         one = int.__new__(cls, number)
         one._value_, one.meaning, one.sentence = number, meaning, sentence or meaning
         return one
@@ -53,14 +53,14 @@ class WarningLevel(IntEnum):
 
     @classmethod
     def warned(cls, level: int) -> WarningLevel:
-        """The level for an instant's number in `Warned`: 0, 1 or 2."""
+        """Return the level for a `Warned.level` of 0, 1 or 2: OK, MAY_GET_STUCK or GETS_STUCK."""
         return cls(cls.OK + level)
 
     def said(self, slip: float) -> str:
-        """The level's sentence, with the slip of the middle wheel."""
+        """Return the warning in words, with the slip (1) of the middle wheel filled in."""
         return self.sentence.format(slip=slip)
 
     @property
     def short(self) -> str:
-        """The level in two or three words: "may get stuck"."""
+        """The level in one to three words, such as "may get stuck"."""
         return self.name.lower().replace("_", " ")
