@@ -156,6 +156,8 @@ def _interval(number: Number, best: JudgedLaw) -> tuple[float, float]:
 def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | None:
     """Compute the curve of a law over its driver, and those of all laws that fit equally well.
 
+    None if the law depends on no driver, on several, or on the depth.
+
     Parameters
     ----------
     fitter
@@ -171,8 +173,6 @@ def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | Non
         with two standard deviations.
     curves : list of ndarray
         The factor or shift of each of these tied laws but the law itself, shape (x,).
-
-    Both are None if the law depends on no driver, on several, or on the depth.
     """
     law, points = best.law.law, fitter.points
     if len(law.drivers) != 1 or not law.columns:
