@@ -430,6 +430,7 @@ def _regression(contender: Contender, points: Points, folds: int) -> ModelResult
     conditions = filled(data.conditions)
 
     def errors(seen: Points, judged: Points, error: dict[str, Array]) -> None:
+        """Put errors of the `judged` points' rows, by a regression through the `seen` ones, into `error`."""
         for name, rows in rows_of(judged).items():
             use = (seen.channel == seen.channels.index(name)) & (seen.value > 0)
             if name not in seen.forces and use.any():

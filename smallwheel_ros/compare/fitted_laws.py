@@ -167,6 +167,7 @@ def _own(law: OwnLaw, fold: Fold) -> LawPrediction:
     """Fit a user's law by least squares to the training values that it predicts at its best start."""
 
     def said(shares: Array, points: Points) -> Array:
+        """The law's predictions, shape (values,)."""
         return _values(law.predict(shares, points.conditions), points)
 
     fitter, fit = fold.whole.fitter, fold.whole.fit

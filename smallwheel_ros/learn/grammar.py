@@ -473,6 +473,7 @@ def _single(driver: Driver) -> Iterator[Term]:
     low, high, span = driver.low, driver.high, driver.span
 
     def made(shape: Shape, constants: Sequence[float], bounds: tuple[float, float]) -> list[Term]:
+        """A term of the shape for each constant, with these bounds of it."""
         return [Term(((driver, shape),), float(c), bounds) for c in constants]
 
     # A kink stays where there are settings on either side: at an edge it would fit a single one.

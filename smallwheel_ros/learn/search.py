@@ -60,14 +60,14 @@ class TermGrid:
 
     @classmethod
     def of(cls, points: Points, base: Model) -> TermGrid:
-        """Evaluate the grammar at points.
+        """Evaluate all terms of the grammar at the points of a table.
 
         Parameters
         ----------
         points
             The points of the fit.
         base
-            The model without the law.
+            The fitted model without the law, which predicts the sinkage.
         """
         depth = predict(base, points.conditions).true_sinkage
         drivers, notes = drivers_of(points, depth)

@@ -196,6 +196,7 @@ def _refitted(
     """
 
     def fitted(candidate: LawCandidate, scatter: Scatter, **how: int) -> LawCandidate:
+        """The law fitted to all points, beginning with this scatter. how: for `Fitter.fit`."""
         start = fitter.at(candidate.fit.vector, candidate.fit.theta, scatter)
         return replace(candidate, fit=fitter.fit(start, **how))
 

@@ -197,7 +197,7 @@ def is_response(name: str, unit: str = "") -> bool:
     name
         Name of the column.
     unit
-        The SI unit that it is held in, "" where the table gives none.
+        SI unit of its values; "" if the table gives none.
     """
     if name in COLUMNS:
         return name in CHANNELS

@@ -104,7 +104,7 @@ def p_text(p: float | None) -> str:
 
 
 def setting_words(name: str, value: object) -> str:
-    """A setting's value with its unit, in degrees and millimetres: "28.6 deg", "20 to 35 mm".
+    """A setting's value with its unit, in degrees and millimetres: "28.6 deg"; a range as "20 mm to 35 mm".
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def number(value: ArrayLike | None, digits: int = 3) -> str:
 
 
 def shown_value(channel: str, value: float | None) -> str:
-    """A value of a channel with its unit, as "8.5 mm"; "-" for None.
+    """A value of a channel with its unit, as "8.50 mm"; "-" for None.
 
     Parameters
     ----------

@@ -348,6 +348,7 @@ def _check_blanks(columns: TableColumns) -> None:
     """Add a problem for cells that are blank where a value is needed."""
 
     def check(names: Sequence[str], needed: Mask, words: str) -> None:
+        """Add a problem in these words for each of the columns that is blank in a needed row."""
         for name in names:
             blank = np.isnan(columns.values(name))
             rows = blank & needed & columns.sound(name)

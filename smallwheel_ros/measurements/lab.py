@@ -334,6 +334,7 @@ def _shear_runs(columns: TableColumns, sigma: Array, j: Array, soil: Texts) -> T
         return named
 
     def other(first: int, row: int) -> bool:
+        """Whether a row has another stress or soil than the first row of the curve."""
         new_stress = abs(sigma[row] - sigma[first]) > _NEW_STRESS * sigma[first]
         return bool(new_stress or soil[row] != soil[first])
 

@@ -223,7 +223,7 @@ def _names(row: Sequence[Cell]) -> int:
 
 
 def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
-    """Units by column, if every cell below the name of a quantity is a unit, and one at least."""
+    """Units by position of the column, if the cells below names of quantities are units; None if not."""
     units: dict[int, str] = {}
     for position, (cell, header) in enumerate(zip(row, headers, strict=False)):
         if is_blank(cell):
@@ -245,7 +245,7 @@ def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
 
 
 def _is_symbol_row(row: Sequence[Cell], headers: list[str]) -> bool:
-    """Whether a row repeats what the columns are, in other words: W and z below load and sinkage."""
+    """Whether a row names the quantities of the headers once more: W and z below load and sinkage."""
     pairs = [(str(c), h) for c, h in zip(row, headers, strict=False) if not is_blank(c)]
     found = [(find(cell.strip()), find(header)) for cell, header in pairs]
     return len(found) > 1 and all(a and b and a.name == b.name for a, b in found)
@@ -507,7 +507,7 @@ def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
 def fill_down(
     layout: Layout, named: Mapping[int, Heading], merged: Sequence[tuple[int, int, int]]
 ) -> list[str]:
-    """Fill blanks below a merged cell, or below a name typed once for several rows; report the columns.
+    """Fill blanks below a merged cell, or below a name typed once for several rows.
 
     Measured values are never filled. A name is typed once if it begins each group of rows, blanks
     follow at least half of the names, and no name follows itself.

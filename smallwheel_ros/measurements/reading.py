@@ -533,7 +533,7 @@ def _take(columns: TableColumns, heading: Heading, parsed: Numbers | None) -> No
 def _take_numbers(
     columns: TableColumns, heading: Heading, parsed: Numbers, spec: ColumnSpec
 ) -> None:
-    """Numbers of a column in SI units, each within the range of its kind."""
+    """Take a column's numbers in SI units; those out of the range of its kind are a problem, and NaN."""
     name, unit = heading.name, heading.unit
     expected, values = spec.unit or None, parsed.values
     try:

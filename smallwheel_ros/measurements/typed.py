@@ -66,7 +66,8 @@ class Typed(NamedTuple):
     said
         Sentence for the user if a mass was taken as its weight or a comma as a decimal mark; else empty.
     mass
-        Whether a mass was typed for a force; `values` are its weight under the standard gravity.
+        Whether a mass was typed for a force; `values` are its weight, under the standard gravity unless it
+        comes from `weighed`.
     """
 
     values: Array
@@ -156,7 +157,7 @@ def number_of(name: str, given: float | str) -> Typed:
 def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Typed:
     """Read the values of a setting that a user typed, in SI units.
 
-    The forms are `a`, `a,b,c`, `start:stop:step` (stop included) and `low..high` (which includes the middle),
+    The forms are `a`, `a,b,c`, `start:stop:step` (stop included) and `low..high` (both ends and the middle),
     followed by a unit unless it is SI. A comma separates values; it is a decimal mark only where a list is
     impossible: in a single value, and between semicolons.
 
@@ -194,7 +195,7 @@ def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Ty
 
 
 def _is_list(name: str, text: str, values: Array) -> bool:
-    """Whether a text with commas can be a list: 0,05 is not written for 0 and 5."""
+    """Whether a text with commas can be a list: values are allowed, and none begins with a 0 as in 0,05."""
     return _allowed(name, values) and re.search(r",0[0-9]", text) is None
 
 
