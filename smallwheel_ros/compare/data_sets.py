@@ -29,7 +29,7 @@ class BenchmarkError(SmallwheelError):
 
 @dataclass(frozen=True, repr=False)
 class Benchmark(Result, shown="views.law_table"):
-    """Errors of the laws on the data sets of a folder.
+    """Errors of the laws on the data sets of a folder, ours (`law_table.Difference`) among them.
 
     Attributes
     ----------

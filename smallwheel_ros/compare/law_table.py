@@ -34,6 +34,8 @@ _FEWEST = 3  # parts: the spread of two is a single number
 class Difference:
     """Error of a law minus that of ours, averaged over the parts that were left out.
 
+    Ours is the contact integral with the effects that a diagnosis of the other parts names.
+
     Attributes
     ----------
     mean
@@ -70,7 +72,8 @@ class Errors:
     at_bound
         By parameter, the number of fits in which it was at its bound.
     against
-        Difference from the error of our law; None for our law itself, or if they have no part in common.
+        Difference from the error of our law (`Difference`); None for our law itself, or if they have no part
+        in common.
     """
 
     law: str

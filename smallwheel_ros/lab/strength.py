@@ -50,7 +50,7 @@ class LabStrength:
     cohesion
         c, Pa, at least 0.
     friction_angle
-        phi, rad, at least 0.
+        phi, rad.
     modulus
         Shear deformation modulus K, m.
     covariance

@@ -142,8 +142,8 @@ class Driver:
     variable
         Its name in a drafted file.
     code
-        Python of `conditions` (and `state`) that computes it; the search evaluates this line, and a
-        drafted file contains it.
+        Python expression in `conditions` (and `state`, a `WheelState`) that computes it; the search evaluates
+        it, and a drafted file contains it.
     unit
         SI unit; "1" for a pure number.
     weight

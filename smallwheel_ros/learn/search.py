@@ -103,7 +103,7 @@ class LawCandidate:
     cost
         Length of the law's description, nats.
     score
-        `cost` plus n/2 ln det S of the fit's errors, nats: the lower, the better.
+        `cost` plus n/2 ln det S of the fit's errors (`Yardstick.score`), nats: the lower, the better.
     """
 
     law: LearntLaw
