@@ -450,6 +450,11 @@ def init(
         Topic of the wheels' joint states, if a BAG has several.
     namespace
         Namespace of the robot's topics, if a BAG has several robots.
+
+    Raises
+    ------
+    InitError, BagError
+        If the arguments do not go together, an input cannot be used, or a bag shows nothing of a wheel.
     """
     bag = None if source is None else Path(source)
     description = None if urdf is None else Path(urdf)
