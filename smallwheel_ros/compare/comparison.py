@@ -70,8 +70,8 @@ class Floor:
     Attributes
     ----------
     value, source
-        The error (m, N or N m), and what the noise is known from, both by a diagnosis of the same data; None
-        without a diagnosis.
+        The error (m, N or N m), and what the noise is known from ("repeats" or "declared"), both by a
+        diagnosis of the same data; None without a diagnosis.
     reason
         How the value was obtained, or why there is none.
     repeatability
@@ -86,22 +86,27 @@ class Floor:
 
 @dataclass(frozen=True)
 class ModelResult:
-    """One model of a comparison.
+    """One model of a comparison, and its errors.
 
     Attributes
     ----------
+    contender
+        The model before it was fitted, with its name.
     model
-        The model with parameters fitted to all rows; None for a constant.
+        The model fitted to all rows, or used as it is; None for a constant or a regression.
     in_sample
-        Errors of that model.
+        Errors of that model on all rows.
     held_out
         Errors on each run by a fit without that run; None for a model that is not fitted, or with one run.
     unseen
-        Errors on runs that the model was not fitted to; None if these are unknown.
+        Errors on runs that the model was not fitted to: those held out, or those of a model that was fitted
+        to other data; None if there are none, or it is unknown to what it was fitted.
     not_predicted
-        Rows that it cannot predict, with the reason.
+        Reasons why it cannot predict some rows, each with the indices of these rows.
+    notes
+        Sentences about its errors.
     why
-        By channel, what may make it predict worse than no law at all (`reasons`).
+        By channel, what may make it predict worse than no law at all (`reasons.why_of`).
     """
 
     contender: Contender
@@ -120,13 +125,21 @@ class Comparison(Result, shown="views.comparison"):
 
     Attributes
     ----------
+    measurements
+        The table.
+    models
+        Each model with its errors, in the order in which they are shown.
     noise
         Error to expect of a true model, by channel.
+    parts
+        Parts of the rows, by soil, wheel, contact and each setting that was varied, for errors of each.
     folds
         Number of folds into which the runs were divided for the held-out error; 0 if nothing could be held
         out.
     left_out
-        Lines of the rows that no error includes, with the reason.
+        Reasons why no error includes some rows, each with the lines of these rows in the file.
+    notes
+        Sentences that apply to all errors.
     """
 
     measurements: Measurements
@@ -144,7 +157,7 @@ class Comparison(Result, shown="views.comparison"):
 
     @property
     def run(self) -> Index:
-        """Code of each row's run, shape (rows,)."""
+        """Number of each row's run, shape (rows,)."""
         return self.models[0].in_sample.run
 
     def residual(self, result: ModelResult, channel: str, held_out: bool = False) -> Array:
@@ -166,14 +179,14 @@ class Comparison(Result, shown="views.comparison"):
     def score(
         self, result: ModelResult, channel: str, held_out: bool = False, rows: Mask | None = None
     ) -> Score | None:
-        """Score one model on one channel; None where it predicts none.
+        """Error of one model on one channel; None if it has none on these rows.
 
         Parameters
         ----------
         result, channel, held_out
             See `residual`.
         rows
-            Rows that count, shape (rows,); all without it.
+            Mask of the rows that count, shape (rows,); None: all.
         """
         errors = result.held_out if held_out else result.in_sample
         found = None if errors is None else errors.score(channel, rows)
@@ -182,7 +195,7 @@ class Comparison(Result, shown="views.comparison"):
         return found
 
     def shown_score(self, result: ModelResult, channel: str) -> Score | None:
-        """Return the held-out score, or the one in sample if there is none.
+        """The error that is shown first: held out, or in sample if none is held out; None without either.
 
         Parameters
         ----------
@@ -202,7 +215,7 @@ class Comparison(Result, shown="views.comparison"):
         channel
             sinkage, resistance, drawbar_pull or torque.
         laws
-            Whether only laws are considered, which excludes the constant.
+            Whether only laws are considered, which excludes the constant and the regression.
         """
         scores = [
             (m, e.score(channel)) for m, e in self._compared() if not (laws and m.model is None)
@@ -211,7 +224,10 @@ class Comparison(Result, shown="views.comparison"):
         return scores[min(known)[1]][0] if known else None
 
     def differences(self, channel: str) -> dict[str, Change]:
-        """The change from the best model's error to that of each other model, by name, where comparable."""
+        """The change from the best model's error to that of each other model, by its name.
+
+        Models without an error on the channel, or without rows in common, are absent.
+        """
         best = self.best(channel)
         errors = {m.contender.name: e for m, e in self._compared()}
         if best is None:
@@ -221,7 +237,7 @@ class Comparison(Result, shown="views.comparison"):
         return {name: change for name, change in found.items() if channel in change.reduction}
 
     def useless(self, channel: str) -> str:
-        """Say that a model without physics has a smaller error than every law; empty if it has not."""
+        """Words if a model without physics has a smaller error on the channel than every law; else empty."""
         best, law = self.best(channel), self.best(channel, laws=True)
         if best is None or law is None or best is law:
             return ""
@@ -262,7 +278,7 @@ class Comparison(Result, shown="views.comparison"):
         return found
 
     def headline(self) -> str:
-        """The best model of each channel, and how far off it is."""
+        """One line: the best model of each channel, and its error."""
         shown = []
         for channel in self.channels:
             best = self.best(channel)
@@ -277,7 +293,7 @@ class Comparison(Result, shown="views.comparison"):
         return f"{len(self.models)} models on {len(self.measurements)} rows: {said}"
 
     def rows(self) -> list[dict[str, Any]]:
-        """Errors of each model on each channel."""
+        """One mapping for each channel and model: errors held out and in sample, SI; None for no error."""
         found = []
         for channel in self.channels:
             for model in self.models:
@@ -302,9 +318,14 @@ class Comparison(Result, shown="views.comparison"):
         Parameters
         ----------
         ax
-            Axes of matplotlib to draw into; new ones without it.
+            Axes of matplotlib to draw into; None: a new figure.
         channel
-            sinkage, resistance, drawbar_pull or torque; the first that was measured if not given.
+            sinkage, resistance, drawbar_pull or torque; None: the first that was measured.
+
+        Returns
+        -------
+        Axes
+            The axes that were drawn into.
         """
         return self._drawn(ax, channel)
 
@@ -389,7 +410,7 @@ def _fitted(contender: Contender, problem: Problem, count: Callable[[], None]) -
 
 
 def _constant(contender: Contender, points: Points, folds: int) -> ModelResult:
-    """Rows less the mean of all in sample, less the mean of the other folds' rows held out."""
+    """Errors of a constant: the mean of all rows in sample, the mean of the other folds' rows held out."""
     data, run = points.measurements, runs_of(points.measurements)[1]
     fold = folds_of(points)[run]
     inside, outside = {}, {}
@@ -404,11 +425,12 @@ def _constant(contender: Contender, points: Points, folds: int) -> ModelResult:
 
 
 def _regression(contender: Contender, points: Points, folds: int) -> ModelResult:
-    """Rows less a line through the points of all in sample, of the other folds held out."""
+    """Errors of a regression through all points in sample, through those of the other folds held out."""
     data, fold = points.measurements, folds_of(points)[points.run]
     conditions = filled(data.conditions)
 
     def errors(seen: Points, judged: Points, error: dict[str, Array]) -> None:
+        """Put errors of the `judged` points' rows, by a regression through the `seen` ones, into `error`."""
         for name, rows in rows_of(judged).items():
             use = (seen.channel == seen.channels.index(name)) & (seen.value > 0)
             if name not in seen.forces and use.any():
@@ -461,7 +483,10 @@ def _origin(contender: Contender, data: Measurements) -> str:
 
 
 def _known_soil(model: Model, data: Measurements) -> tuple[Mask, list[tuple[str, Index]]]:
-    """The rows whose soil the model has, and why not the others; of one soil all rows are."""
+    """Mask of the rows whose soil the model has, and reasons with the indices of the others.
+
+    A model of one soil is used for all rows.
+    """
     known = [soil.name for soil in model.soils]
     able = np.isin(data.soil, known) | (len(known) == 1)
     reasons = []

@@ -21,20 +21,25 @@ from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.conditions import PLATE
 from smallwheel_ros.physics.soil import Soil, soil
 
-# Names of the standard contenders; the fit of the last tells what a true model would leave.
+# Names of the standard contenders.
 STANDARD = ("constant", "bekker", "meirion_griffith_spenko", "wong_reece", "contact_integral")
 REGRESSION = "log_log_regression"
 
 
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare: a `Base` is fitted to the data, a `Model` is used as it is.
+    """A model to compare.
 
     Attributes
     ----------
+    name
+        Name in tables and plots.
+    description
+        What it is, for people.
     model
-        None for a model without physics: a constant, which is the mean of the channel over the training
-        rows, or a regression on the settings (`fitting.noise`), which has no pull and torque.
+        A `Base` is fitted to the data, a `Model` is used as it is. None for a model without physics: a
+        constant, which is the mean of the channel over the training rows, or a regression on the settings
+        (`fitting.noise`), which does not predict pull and torque.
     file, fitted_to
         File of a model used as it is, and the SHA-256 of the data that it was fitted to; empty if unknown.
     """
@@ -54,8 +59,9 @@ class Contender:
 def standard_contenders(points: Points) -> list[Contender]:
     """A constant, a regression, Bekker's law, that of Meirion-Griffith & Spenko and the contact integral.
 
-    With pull or torque measured at known slip, that of Wong and Reece too. The closed forms have the
-    thrust that is published with them, the contact integral the balance of stresses.
+    With pull or torque measured at known slip, that of Wong and Reece too; the regression only if another
+    channel was measured. The closed forms have the thrust that is published with them, the contact integral
+    the balance of stresses.
     """
     wheels = points.conditions.contact != PLATE  # plates have no width
     widths = np.unique(np.round(points.conditions.width[wheels], 4)).size
@@ -107,12 +113,13 @@ def standard_contenders(points: Points) -> list[Contender]:
 
 
 def contenders_of(models: Models, known: Registry) -> list[Contender]:
-    """One contender for each model, each under a name of its own.
+    """Make a contender of each model that a user gave, to be used as it is; each gets a different name.
 
     Parameters
     ----------
     models
-        One or several arguments of `model_of`, or a mapping from names to them.
+        One or several of what `model_of` takes (model files, soils of the library, models), or a mapping from
+        names to them.
     known
         Effects that model files may name.
 

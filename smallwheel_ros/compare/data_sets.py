@@ -29,18 +29,28 @@ class BenchmarkError(SmallwheelError):
 
 @dataclass(frozen=True, repr=False)
 class Benchmark(Result, shown="views.law_table"):
-    """Errors of the laws on each set of rows; `left_out` gives the reason for each file that was not used."""
+    """Errors of the laws on the data sets of a folder, ours (`law_table.Difference`) among them.
+
+    Attributes
+    ----------
+    folder
+        The folder.
+    tasks
+        Errors of all laws for each contact, soil and way of leaving rows out, of each table.
+    left_out
+        Reason by file for each table, and by name for each law of the user's own, that was not used.
+    """
 
     folder: Path
     tasks: tuple[LawTable, ...]
     left_out: dict[str, str]
 
     def judged(self, verdict: Verdict) -> list[tuple[LawTable, Errors]]:
-        """The other laws for which our law has this verdict, with their tables."""
+        """The laws against which ours has this verdict, each with the table of errors that it is in."""
         return [(t, law) for t in self.tasks for law in t.others if law.verdict == verdict]
 
     def headline(self) -> str:
-        """How often our law has a smaller error than others, a larger one, or one within chance."""
+        """One line: how often our law has a smaller error than another, a larger one, or cannot be told."""
         wins, losses, ties = (len(self.judged(word)) for word in ("wins", "loses", "cannot tell"))
         return (
             f"{self.folder}: {wins + losses + ties} comparisons of ours with other laws on {len(self.tasks)} "
@@ -59,20 +69,20 @@ def held_against(
     Parameters
     ----------
     folder
-        Contains a folder for each data set, with tables and a licence.
+        Contains tables with a licence file beside them, or a folder of such for each data set.
     law
         A Python file with laws of your own, which is run; None: none.
     done
-        Called with the table of each data set as soon as it is complete.
+        Called with each table of errors as soon as it is complete.
     progress
         Called with a line of text on what is being done.
 
     Raises
     ------
     BenchmarkError
-        Where no data set has a licence and a table.
+        If no data set has a licence and a usable table.
     EffectError, LawError
-        Where a law of the file cannot be used.
+        If a law of the file cannot be used.
     """
     own = () if law is None else load_laws(law, NAMES)
     sets = {file: _licence(file.parent) for file in _tables(folder)}
@@ -107,7 +117,7 @@ def held_against(
 
 
 def _tables(folder: Path) -> list[Path]:
-    """Tables of the folder and of the folders in it."""
+    """Files of tables in the folder and in its folders; raises BenchmarkError if it is no folder."""
     if not folder.is_dir():
         raise BenchmarkError(f"{folder}: no folder, expected one with data sets")
     files = [*folder.glob("*"), *folder.glob("*/*")]

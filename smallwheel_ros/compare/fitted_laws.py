@@ -41,23 +41,23 @@ NAMES = (CONSTANT, *(law.name for law in SIZE_LAWS), ONE_SIZE, WONG_REECE, INTEG
 
 _CLOSED_FORM = Base(geometry="closed_form", thrust_form="integrated")
 _EDGE = 1e-6  # of a range: a share that is nearer to a bound is at it
-_TRIED = 3  # starts that are followed to their end: a law may have more than one valley
+_TRIED = 3  # starts from which a fit is run: a law may have several minima
 
 
 @dataclass(frozen=True)
 class LawPrediction:
-    """A law's predictions at all points.
+    """Predictions of a law that was fitted to one fold's training rows.
 
     Attributes
     ----------
     law
         Name of the law.
     value
-        Predictions, SI, shape (values,); NaN where there is none.
+        Predictions of all measured values of the table, SI, shape (values,); NaN where there is none.
     at_bound
         Names of parameters that are at a bound after the fit.
     effects
-        Effects that a diagnosis added to the law.
+        Ids of the effects that a diagnosis added to the law.
     """
 
     law: str
@@ -68,16 +68,16 @@ class LawPrediction:
 
 @dataclass(frozen=True)
 class Fold:
-    """A table divided into rows that a law is fitted to and rows that it predicts.
+    """A table divided into training rows, to which laws are fitted, and rows that they predict.
 
     Attributes
     ----------
     points
         Points of the whole table.
     seen
-        Mask of the values that the law is fitted to, shape (values,).
+        Mask of the training values, shape (values,).
     others
-        The rows of the table that it is fitted to.
+        Table of the training rows.
     """
 
     points: Points
@@ -96,19 +96,19 @@ class Fold:
 
 
 def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[LawPrediction]:
-    """Yield the predictions of every law of the table on one fold.
+    """Yield the predictions of every law of the table on one fold; a fit that fails ends the sequence.
 
     Parameters
     ----------
     fold
-        Rows that laws are fitted to, and rows that they predict.
+        Training rows, and rows that the laws predict.
     own
-        Laws of the user's own.
+        Laws of the user's own; one that needs a column that the table lacks is skipped.
 
     Raises
     ------
     LawError
-        Where one of `own` fails.
+        If one of `own` fails.
     """
     points = fold.points
     yield _constant(fold)
@@ -142,7 +142,7 @@ def _constant(fold: Fold) -> LawPrediction:
 
 
 def _of_size(law: PlateLaw, name: str, fold: Fold) -> LawPrediction:
-    """Sinkage by one of the four laws of size; other channels by the closed form as it stands."""
+    """Sinkage by one of the four laws of size; other channels, for the last law alone, by the closed form."""
     points, held = fold.points, Counter[str]()
     found: Array = np.full(len(points), np.nan)
     if law is SIZE_LAWS[-1] and points.channels != ("sinkage",):
@@ -164,9 +164,10 @@ def _of_size(law: PlateLaw, name: str, fold: Fold) -> LawPrediction:
 
 
 def _own(law: OwnLaw, fold: Fold) -> LawPrediction:
-    """A user's law by least squares; what it does not predict at its best start is left out."""
+    """Fit a user's law by least squares to the training values that it predicts at its best start."""
 
     def said(shares: Array, points: Points) -> Array:
+        """The law's predictions, shape (values,)."""
         return _values(law.predict(shares, points.conditions), points)
 
     fitter, fit = fold.whole.fitter, fold.whole.fit
@@ -196,13 +197,16 @@ def _own(law: OwnLaw, fold: Fold) -> LawPrediction:
 
 
 def _of_model(model: Model, points: Points) -> Array:
-    """What a model says of all points, shape (values,)."""
+    """Predictions of a model for all values of the points, shape (values,)."""
     said = predict(model, points.conditions, with_forces=bool(points.forces))
     return _values({name: np.asarray(getattr(said, name)) for name in points.channels}, points)
 
 
 def _values(said: dict[str, Array], points: Points) -> Array:
-    """The value of each point, NaN where a law says none; a wheel cannot be shown deeper than its axle."""
+    """Predictions, by channel, arranged as the measured values, shape (values,); NaN where there is none.
+
+    The sinkage of a wheel is limited to the height of its axle. said: by channel, shape (points,).
+    """
     limit = np.where(points.conditions.plate, np.inf, AXLE_RATIO * points.conditions.diameter)
     found = np.full(len(points), np.nan)
     for c, name in enumerate(points.channels):

@@ -27,12 +27,24 @@ from smallwheel_ros.fitting.problem import Base, Problem
 Array = NDArray[np.float64]
 Verdict = Literal["wins", "loses", "cannot tell"]
 
-_FEWEST = 3  # parts: of two, the spread is one number
+_FEWEST = 3  # parts: the spread of two is a single number
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Error of a law minus that of ours, mean over parts, SI; its standard error is None for one part."""
+    """Error of a law minus that of ours, averaged over the parts that were left out.
+
+    Ours is the contact integral with the effects that a diagnosis of the other parts names.
+
+    Attributes
+    ----------
+    mean
+        Mean difference of the rms errors, SI; positive if ours is smaller.
+    std
+        Standard error of the mean, SI; None for one part.
+    parts
+        Number of parts on which both have an error.
+    """
 
     mean: float
     std: float | None
@@ -41,22 +53,27 @@ class Difference:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one law on one channel, rms, SI.
+    """Errors of one law on one channel.
 
     Attributes
     ----------
-    by_part
-        Error of each part by its name; None where it has none.
+    law
+        Name of the law.
+    channel
+        sinkage, resistance, drawbar_pull or torque.
     rmse
-        Error over all parts.
+        Root mean square error over all points that are judged, SI; NaN if there are none.
+    by_part
+        The same for each part when it was left out, by its name; None where no point is judged.
     refused
         Number of points that it does not predict.
     effects
-        By part, the effects that a diagnosis of the other parts named.
+        By part, the effects that a diagnosis of the other parts named; empty for laws other than ours.
     at_bound
         By parameter, the number of fits in which it was at its bound.
     against
-        Difference from the error of our law; None for our law itself.
+        Difference from the error of our law (`Difference`); None for our law itself, or if they have no part
+        in common.
     """
 
     law: str
@@ -87,10 +104,14 @@ class LawTable:
 
     Attributes
     ----------
-    file
-        The table.
+    file, licence
+        File of the table, and the first line of its licence.
+    task
+        The rows, and how they are left out.
+    laws
+        Errors of each law on each channel.
     judged
-        By channel, how many points all laws predict.
+        By channel, the number of points that all laws predict: errors are those of these points.
     fits
         Number of fits of each law.
     """
@@ -104,7 +125,7 @@ class LawTable:
 
     @property
     def others(self) -> list[Errors]:
-        """Errors of the laws that are not ours, on every channel."""
+        """Errors of the laws that are compared with ours, on every channel."""
         return [law for law in self.laws if law.law not in (INTEGRAL, OURS) and law.against]
 
     def of(self, channel: str) -> list[Errors]:
@@ -115,12 +136,12 @@ class LawTable:
 def table_of(
     file: Path, licence: str, task: Task, own: tuple[OwnLaw, ...], progress: Callable[[str], object]
 ) -> LawTable:
-    """Compute the errors of every law on every part of a data set.
+    """Fit every law without each part of a task in turn, and compute its errors on that part.
 
     Parameters
     ----------
     file, licence
-        File of its table, and the licence.
+        File of the table, and the first line of its licence; kept in the result.
     task
         Measurements, and the part that each row belongs to.
     own
@@ -131,7 +152,7 @@ def table_of(
     Raises
     ------
     LawError
-        Where one of `own` fails.
+        If one of `own` fails.
     """
     points = Problem.of(task.measurements, Base()).points
     row = np.array([rows[0] for rows in points.rows], dtype=np.intp)  # all are in one part
@@ -176,12 +197,12 @@ def table_of(
 
 
 def difference(law: list[float | None], ours: list[float | None]) -> Difference | None:
-    """Compute how much larger a law's errors are than ours, as a mean over parts; None if no part has both.
+    """Mean over parts of a law's error minus ours, with its standard error; None if no part has both.
 
     Parameters
     ----------
     law, ours
-        Errors by part, in the same order and unit; None where there is none.
+        Errors (rms) on each part, in the same order and unit; None where there is none.
     """
     d = [a - b for a, b in zip(law, ours, strict=True) if a is not None and b is not None]
     if not d:

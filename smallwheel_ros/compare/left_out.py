@@ -21,23 +21,29 @@ from smallwheel_ros.physics.conditions import CONTACTS, ROLLING
 Index = NDArray[np.intp]
 What = Literal["size", "slip", "wheel", "run", "soil"]
 
-# Of two sizes, levels or runs one is left, and every law is a constant; the other wheel or soil was
-# measured at many settings.
+# Without one of two sizes, levels or runs, one is left, to which every law fits as a constant. Of two wheels
+# or soils the other one was measured at many settings.
 _FEWEST: dict[What, int] = {"size": 3, "slip": 3, "wheel": 2, "run": 3, "soil": 2}
 
 
 @dataclass(frozen=True)
 class Task:
-    """One kind of contact in one soil (or all), and how its rows are left out.
+    """Rows of one kind of contact in one soil (or in all), and one way of leaving parts of them out.
 
     Attributes
     ----------
+    contact
+        rolling, pressed or plate.
+    soil
+        Name of the soil, or "all soils".
+    measurements
+        The rows.
     what
-        What the parts are: sizes, runs, ...
+        What the parts are: a size of plate, a level of slip, a wheel, a run or a soil each.
     names, part
         Names of the parts; index of each row's part, shape (rows,).
     fold
-        Code of the rows that are left out together, shape (rows,).
+        Number of each row's fold, shape (rows,); the rows of one fold are left out together.
     """
 
     contact: str
@@ -49,7 +55,7 @@ class Task:
     fold: Index
 
     def folds(self) -> Iterator[tuple[NDArray[np.bool_], Index]]:
-        """The rows of each fold as a mask, and the training rows.
+        """Yield for each fold the mask of its rows, shape (rows,), and the indices of its training rows.
 
         The training rows exclude the other rows of runs that have a row in the fold, as they would reveal
         too much.
@@ -60,7 +66,7 @@ class Task:
 
 
 def tasks_of(measurements: Measurements) -> Iterator[Task]:
-    """Each contact in each soil of a table, with every way of leaving rows out that still allows a fit."""
+    """Yield each contact in each soil of a table, with every way of leaving rows out that allows a fit."""
     names = list(dict.fromkeys(measurements.soil.tolist()))
     for soil in [*names, *([None] if len(names) > 1 else [])]:
         in_soil = np.full(len(measurements), True) if soil is None else measurements.soil == soil
@@ -71,14 +77,14 @@ def tasks_of(measurements: Measurements) -> Iterator[Task]:
 
 
 def _tasks(measurements: Measurements, contact: str, soil: str | None) -> Iterator[Task]:
-    """soil: None for all of them, of which one is left out."""
+    """Yield the ways of leaving rows out. soil: None for all soils, of which each is left out in turn."""
     try:
         points = points_of(measurements)
     except FittingError:
         return
     known: list[list[int]] = []
     name = "all soils" if soil is None else soil or "soil"
-    # A law takes all soils for one: it knows nothing of the next.
+    # A law is fitted as if all soils were one: it knows nothing of the soil that is left out.
     one = replace(measurements, conditions=replace(measurements.conditions, soil=None))
     for what, names, part in _of_soils(measurements) if soil is None else _in_soil(measurements):
         pattern = codes_of(part)[1].tolist()
@@ -92,7 +98,7 @@ def _tasks(measurements: Measurements, contact: str, soil: str | None) -> Iterat
 
 
 def _dealt(part: Index) -> Index:
-    """Few parts one by one, many in `FOLDS` folds, shuffled: as runs are (`folds_of`)."""
+    """Number of each row's fold: one part each if there are few, else `FOLDS` folds of shuffled parts."""
     count = int(part.max()) + 1
     if count <= 2 * FOLDS:
         return part

@@ -21,7 +21,7 @@ __all__ = ["Law", "LawError", "OwnLaw", "load_laws", "parameter"]
 
 Array = NDArray[np.float64]
 
-_STARTS = 64  # for each parameter: of six decades some are within a factor of two of any value
+_STARTS = 64  # for each parameter: over six decades some are within a factor of two of any value
 
 
 class LawError(SmallwheelError):
@@ -48,9 +48,17 @@ class Law:
 
 
 class OwnLaw:
-    """A user's law, as a function of where each parameter lies between its bounds: 0 to 1, called a share.
+    """A user's law as a function of shares: the place of each parameter between its bounds, from 0 to 1.
 
-    For a parameter whose bounds are positive, the share is that of its logarithm.
+    If the lower bound of a parameter is over 0, its place is that of its logarithm. The constructor raises
+    LawError if the class cannot be used.
+
+    Parameters
+    ----------
+    kind
+        The user's class.
+    path
+        File of the class, for messages.
     """
 
     def __init__(self, kind: type[Law], path: Path) -> None:
@@ -74,20 +82,19 @@ class OwnLaw:
         return LawError(f"{self.path}{line}: law '{self.name}': {said}")
 
     def starts(self) -> Array:
-        """Shares at which a fit may start: a sample over all ranges, shape (starts, parameters)."""
+        """Shares from which a fit may start, drawn evenly over all ranges, shape (starts, parameters)."""
         count = len(self.parameters)
         return np.random.default_rng(0).random((max(1, _STARTS * count), count))
 
     def predict(self, shares: Array, conditions: Conditions) -> dict[str, Array]:
-        """Predict its channels in SI units, shape (rows,) each; NaN where it has no prediction.
+        """Predict the law's channels, by name, SI units, shape (rows,) each; NaN where it predicts nothing.
 
         Parameters
         ----------
         shares
-            Place of each parameter between its bounds, 0 to 1, shape (parameters,); in ln where the lower one
-            is over 0.
+            Shares of the parameters, 0 to 1, shape (parameters,).
         conditions
-            Settings, SI units.
+            Settings of the rows, SI units.
 
         Raises
         ------
@@ -121,14 +128,14 @@ def load_laws(path: Path, taken: Sequence[str] = ()) -> tuple[OwnLaw, ...]:
     path
         The file.
     taken
-        Names of other laws of the table.
+        Names of other laws of the table, which a law of the file must not have.
 
     Raises
     ------
     EffectError
         If the file does not run or has no law.
     LawError
-        Where a law cannot be used, or has the name of another.
+        If a law cannot be used, or has the name of another.
     """
     found = tuple(OwnLaw(kind, path) for kind in load_classes(path, Law, "law"))
     names = [*taken, *(law.name for law in found)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a law has a larger error than no law at all, from its own fit; and which rows are in no error."""
+"""Why a law has a larger error than no law at all, from its own fit; and which rows no error includes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from smallwheel_ros.measurements.measurements import Measurements
 Reasons = tuple[tuple[str, Index], ...]
 
 _SUNK = "the wheel was measured deeper than its axle"
-_SIZES = 3  # columns of `line` that a law of plates has, too: load, diameter and width
+_SIZES = 3  # columns of `NoiseLine` that a law of plates has, too: load, diameter and width
 
 MISSING = "an effect is missing, or a zero is off"
 _STOPPED = [
@@ -34,17 +34,18 @@ SAME_FREEDOM = (
 
 
 def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
-    """Explain, by channel, why a law may have a larger error than a regression; for wheels it is `MISSING`.
+    """Words, by channel, on why a law may have a larger error than a regression.
 
-    For bodies that do not roll the reasons are scatter larger than soils and rigs usually have, and an
-    exponent at the largest n; otherwise that law and regression use the same settings.
+    For channels with rolling wheels it is `MISSING`. For other bodies the reasons are scatter larger than
+    soils and rigs usually have, or n at its upper bound; if neither holds, `SAME_FREEDOM` where law and
+    regression use the same settings, else `MISSING`.
 
     Parameters
     ----------
     fitter, fit
-        The law's fit, and its fitter.
+        Fitter of the points, and the fit of the law to them.
     base
-        The model that it started from.
+        The law before it was fitted.
     """
     points, said = fitter.points, {}
     large = unusual(fitter, fitter.true_scatter(fit))
@@ -63,7 +64,7 @@ def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
 
 
 def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> list[str]:
-    """Each component of the scatter that is `unusual`, in words."""
+    """Words for each component of the scatter that is `unusual`. large: these, as shares of a value."""
     mine = ("tau", f"own:{channel}")
     apart = runs_differ({name: size for name, size in large.items() if name in mine})
     texts = [f"its {apart}"] if apart else []
@@ -79,21 +80,21 @@ def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> list[st
 
 
 def lone_soils(data: Measurements) -> list[str]:
-    """Soils with one run where others have more: with that run held out, nothing is known of them."""
+    """Soils with a single run, if other soils have more: with that run held out, nothing is known of them."""
     runs = {str(s): np.unique(data.run[data.soil == s]).size for s in np.unique(data.soil)}
     lone = [name for name, count in runs.items() if count == 1]
     return lone if len(lone) < len(runs) else []
 
 
 def left_out(points: Points, outliers: Index) -> Reasons:
-    """List the lines of rows that no error includes, with the reason.
+    """List the reasons why no error includes some rows, each with the lines of these rows in the file.
 
     Parameters
     ----------
     points
         The points of the fit.
     outliers
-        Numbers of the rows left out as outliers, shape (outliers,).
+        Indices of the rows left out as outliers, shape (outliers,).
     """
     data = points.measurements
     free = np.ones(len(data), dtype=bool)
@@ -113,7 +114,7 @@ def left_out(points: Points, outliers: Index) -> Reasons:
 
 
 def notes_of(points: Points, folds: int) -> tuple[str, ...]:
-    """Remarks that apply to all errors of a table.
+    """Sentences that apply to all errors of a table: notes of the points, what cannot be held out.
 
     Parameters
     ----------

@@ -24,13 +24,13 @@ class ResistanceRatio:
     Attributes
     ----------
     rows
-        Indices of the table's rows, shape (points,).
+        Indices of the table's rows that are shown, shape (points,).
     x, y
-        sqrt(sinkage / diameter) and resistance over load of these rows, 1, shape (points,).
+        sqrt(sinkage / diameter) and resistance over load of these rows, pure numbers, shape (points,).
     soil
         Name of each row's soil, shape (points,).
     line_x, lines
-        x of the lines of compaction, and their y by n.
+        x of the lines of compaction, shape (x,); y of the line for each n (0.5, 1 and 1.5), shape (x,).
     """
 
     rows: NDArray[np.intp]
@@ -42,7 +42,7 @@ class ResistanceRatio:
 
 
 def resistance_ratio(measurements: Measurements) -> ResistanceRatio | None:
-    """Compare resistance with compaction alone; None where it was not measured together with sinkage."""
+    """Compare rolling wheels' resistance with that of compaction alone; None if no row has it and sinkage."""
     if not {"sinkage", "resistance"} <= set(measurements.channels):
         return None
     conditions = measurements.conditions

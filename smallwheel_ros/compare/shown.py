@@ -17,10 +17,10 @@
      "differences": [{"channel", "best", "other", "increase", "z_score", "within_standard_error"}]}
 
 SCORE is {"rows", "runs", "rmse", "rmse_std", "bias"}; bias is the mean of measured less predicted.
-noise_floor is the held-out error that a true model would leave: null here, since it is not known before
-what is missing is (`smallwheel diagnose`); repeatability is what rows of one run differ by. Of differences,
-increase is the relative one of the held-out rmse over the best model's on the rows of both; z_score is of
-the difference over its standard error, negative where other is worse.
+noise_floor is the held-out error that a true model would leave: its value is null here, since it is unknown
+until it is known what is missing (`smallwheel diagnose`); repeatability is the standard deviation of the rows
+of one run. In differences, increase is the relative increase of the held-out rmse over the best model's, on
+rows that both predict; z_score is the difference over its standard error, negative if other is worse.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _SHOWN_LINES = 20
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
-    """The comparison in the form that the module's docstring gives, for json.dump(..., allow_nan=False)."""
+    """The comparison as plain values, in the form that this module's docstring gives; without NaN."""
     data = comparison.measurements
     return {
         "schema": 1,

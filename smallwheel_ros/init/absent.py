@@ -9,12 +9,12 @@ _TF = "tf2_msgs/msg/TFMessage"
 
 
 def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
-    """Say why a bag has no usable topic of a type.
+    """Words on why a bag has no usable topic of a type, to be followed by what that means.
 
     Parameters
     ----------
     reader
-        The bag.
+        A bag without such a topic.
     kind
         The type, such as ``"nav_msgs/msg/Odometry"``.
     namespace
@@ -32,7 +32,7 @@ def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
 
 
 def of_transforms(reader: BagReader) -> str:
-    """Say that poses which are only in transforms are not read; empty if the bag has no transforms."""
+    """Words, to be appended, on transforms not being read as poses; empty if the bag has no transforms."""
     names = [topic.name for topic in reader.topics if topic.type == _TF and topic.message_count]
     if not names:
         return ""

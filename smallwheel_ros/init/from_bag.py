@@ -81,11 +81,11 @@ def rover_of_bag(
     path
         The bag.
     urdf
-        A robot description, in place of the bag's.
+        File of a robot description that replaces the bag's; None: the bag's, if it has one.
     joint_states
         The topic with the wheels' joints; None: it is looked for.
     namespace
-        Namespace of the robot to use, if there are several.
+        Namespace of the robot, if the bag has several; None: topics of all namespaces are used.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class _Finder:
                 self._topics[kind] = [name for name in names if name in kept]
 
     def rover(self, urdf: Path | None, description: str | None) -> Rover:
-        """What the bag has, and a robot description that is given with it."""
+        """The rover's parameters by the bag. description: text of the file `urdf`; None: that of the bag."""
         turned: dict[str, str] = {}
         if description is None:
             description = self._description()
@@ -168,7 +168,7 @@ class _Finder:
             signs = signs_of(joints, speed, rims)
             if not self._looks_back(values, turning, signs):
                 self._turn_axes(values, turning, signs)
-        # What may help, and only people know: whether the wheels make it, how it is mounted.
+        # Topics that may help, if people know that they can: not made from the wheels, mounted with z up.
         offers: dict[str, Value] = {}
         if speeds := [topic for topic in self._topics[TWIST] if "cmd" not in topic]:
             offers["velocity_topic"] = speeds[0]
@@ -188,9 +188,10 @@ class _Finder:
     def _mass(
         self, values: dict[str, Value], description: str | None, offers: dict[str, Value]
     ) -> None:
-        """Take the mass of the robot description where loads are shares of it; else it is offered.
+        """Set `vehicle.mass` to that of the robot description if loads are shares of it; else only offer it.
 
-        Measured loads are weighed against it, and a mass that is not the one that drives would accuse them.
+        Measured loads are checked against it, and a mass that differs from that of the vehicle as it drives
+        would make good load cells look wrong.
         """
         mass = None if description is None else described_mass(description)
         if mass is None:
@@ -204,7 +205,10 @@ class _Finder:
             offers["vehicle.mass"] = mass
 
     def _odometry(self, joints: JointSpeeds, rims: list[str]) -> Speed | None:
-        """Choose the odometry, and say why; of several one that the wheels have no part in goes first."""
+        """Choose the topic of odometry, with a note on why; one not computed from the wheels goes first.
+
+        Returns its speed; None if the bag has no odometry. rims: names of the joints that turn wheels.
+        """
         topics = self._topics[ODOMETRY]
         if not topics:
             why = absent(self._reader, ODOMETRY, self._namespace)
@@ -249,7 +253,10 @@ class _Finder:
         turned: Mapping[str, str],
         values: Mapping[str, Value],
     ) -> None:
-        """Say where the rims turn so many times the vehicle's way that their speeds are in another unit."""
+        """Add a note if the rims travel so much more or less than the vehicle that they are not in rad/s.
+
+        turned: by wheel, the joint that turns it.
+        """
         each = for_each_wheel(values)
         radii = {
             joint: float(cast("float", each[f"{wheel}.diameter"])) / 2.0
@@ -269,7 +276,10 @@ class _Finder:
     def _looks_back(
         self, values: Mapping[str, Value], turned: Mapping[str, str], signs: Mapping[str, int]
     ) -> bool:
-        """Whether by the odometry all joints turn against the axes that the description gives them."""
+        """Whether by the odometry all joints turn backward about the description's axes, with a note if so.
+
+        turned: by wheel, its joint. signs: by joint, as returned by `signs_of`.
+        """
         described = {j: values.get(f"{w}.joint_sign") for w, j in turned.items() if j in signs}
         against = [joint for joint, sign in described.items() if sign == -signs[joint]]
         if len(against) < max(2, len(turned)) or len(against) < len(described):
@@ -284,7 +294,7 @@ class _Finder:
     def _turn_axes(
         self, values: dict[str, Value], turned: Mapping[str, str], signs: Mapping[str, int]
     ) -> None:
-        """Put down the signs of joints that the drive shows."""
+        """Set `joint_sign` of the wheels whose joints turned otherwise in the drive than `values` has it."""
         mirrored = []
         for wheel, joint in turned.items():
             sign, name = signs.get(joint), f"{wheel}.joint_sign"
@@ -297,7 +307,7 @@ class _Finder:
             )
 
     def _imu(self, values: dict[str, Value]) -> bool:
-        """Take the imu where gravity is along its z axis."""
+        """Set `imu_topic` to an imu with gravity along its z axis; returns whether there is one."""
         topics = self._topics[IMU]
         if not topics:
             return False
@@ -318,7 +328,7 @@ class _Finder:
         return False
 
     def _recorded_joints(self, values: dict[str, Value], joints: JointSpeeds) -> dict[str, str]:
-        """By wheel, its joint; where the description calls it otherwise than joint states, as these do."""
+        """By wheel, the name of its joint in the joint states, even if the description has another name."""
         found = {}
         for wheel in as_names(values["wheels"]):
             name = str(values.get(f"{wheel}.joint", f"{wheel}_joint"))
@@ -337,7 +347,10 @@ class _Finder:
         return found
 
     def _wheels(self, joints: JointSpeeds, turned: Mapping[str, str]) -> dict[str, Value]:
-        """Wheels by the topics of loads and sinkages, the joints of the description, or those that turn."""
+        """Parameters of the wheels, which are named by topics of loads or sinkages, else by joints.
+
+        turned: by wheel, the joint of the description; without one, joints that turn like wheels are used.
+        """
         loads, sinkages = (wheels_named_by(self._topics[kind]) for kind in (WRENCH, SINKAGE))
         ranges = {} if sinkages else wheels_named_by(self._topics[RANGE])
         depths = sinkages or ranges
@@ -376,7 +389,7 @@ class _Finder:
         return values
 
     def _no_joint(self, joints: JointSpeeds) -> str:
-        """Why no joint turns a wheel, as far as joint states tell."""
+        """Words on why joint states show no joint that turns a wheel."""
         if not self._topics[JOINTS]:
             return absent(self._reader, JOINTS, self._namespace)
         if not joints.names:
@@ -397,12 +410,12 @@ class _Finder:
 
 
 def as_names(wheels: Value) -> list[str]:
-    """Return the wheels' names."""
+    """The value of the parameter `wheels`, as a list of names for the type checker."""
     return cast("list[str]", wheels)
 
 
 def _first(reader: BagReader, topic: str) -> Any | None:
-    """The first message of a topic, None where it has none that can be read."""
+    """The first message of a topic; None if it has none that can be read."""
     with suppress(BagError):  # damaged, or defined otherwise than here
         return next((message.message for message in reader.messages({topic})), None)
     return None
@@ -437,6 +450,11 @@ def init(
         Topic of the wheels' joint states, if a BAG has several.
     namespace
         Namespace of the robot's topics, if a BAG has several robots.
+
+    Raises
+    ------
+    InitError, BagError
+        If the arguments do not go together, an input cannot be used, or a bag shows nothing of a wheel.
     """
     bag = None if source is None else Path(source)
     description = None if urdf is None else Path(urdf)

@@ -20,14 +20,14 @@ _SHOWN = 6  # joints of a topic that are named
 
 
 def of_robot(namespace: str, topics: Sequence[str]) -> list[str]:
-    """Select the topics of one of several robots.
+    """Select the topics in the namespace of one robot.
 
     Parameters
     ----------
     namespace
         Namespace of the robot, with or without slashes.
     topics
-        All topics of the bag.
+        Names of all topics of the bag.
 
     Raises
     ------
@@ -55,13 +55,21 @@ def joint_states_of(
     wanted
         Joints that turn wheels according to the robot description: the topic with most of them is chosen.
     asked
-        The topic that --joint-states names.
+        The topic that --joint-states names; None: it is chosen.
 
     Returns
     -------
-    The topic and its joints' speeds, None if it is ambiguous; and a sentence for the user, empty if
-    there is nothing to say. Raises InitError if the requested topic is missing, or several robots are
-    in the bag.
+    topic : str or None
+        Name of the topic; None if there is none, or it is ambiguous.
+    joints : JointSpeeds or None
+        Speeds of its joints; None without a topic.
+    note : str
+        A sentence for the user on how it was chosen; empty if there is nothing to say.
+
+    Raises
+    ------
+    InitError
+        If the topic that was asked for is missing, or several robots are in the bag.
     """
     if asked is not None:
         name = f"/{asked.strip('/')}"
@@ -114,7 +122,10 @@ def _one_robot(topics: Sequence[str]) -> None:
 
 
 def _most_likely(each: Mapping[str, JointSpeeds], wanted: Collection[str]) -> str | None:
-    """The topic with most joints that are known to turn wheels, else with those that turn like wheels."""
+    """The topic with most of the `wanted` joints, else with most joints that turn and are named like wheels.
+
+    Of equal ones the usual name is taken, then the most similar name; None if that is ambiguous.
+    """
     known = {topic: len({*joints.names} & {*wanted}) for topic, joints in each.items()}
     turning = {topic: len(turning_wheels(joints)) for topic, joints in each.items()}
     for count in (known, turning):
@@ -134,12 +145,12 @@ def _shown(names: Sequence[str]) -> str:
 
 
 def free_joints(joints: JointSpeeds) -> list[str]:
-    """Joints that may turn a wheel, judged by their names."""
+    """Names of the joints that may turn a wheel: without words of steering, arms, cameras and the like."""
     return [joint for joint in joints.names if not words_of(joint) & {*_NO_WHEEL}]
 
 
 def turning_wheels(joints: JointSpeeds) -> list[str]:
-    """Joints that turn and are named like wheels or by the places of wheels; none if ambiguous."""
+    """Names of the joints that turn and are named like wheels; if none is, those named by wheels' places."""
     turning = [name for name in joints.turning() if not words_of(name) & {*_NO_WHEEL}]
     named = [name for name in turning if "wheel" in name.lower()]
     placed = [name for name in turning if words_of(name) & {*PLACES}]

@@ -21,16 +21,16 @@ from smallwheel_ros.onboard.joint_motion import JointMotion
 from smallwheel_ros.onboard.joint_units import UNITS_OF_TURNING, VelocityUnit
 
 Array = NDArray[np.float64]
-_MOST = 50_000  # messages of a topic that are looked at: minutes of driving tell all of this
+_MOST = 50_000  # messages of a topic that are read: minutes of driving show all that is needed
 _TURNS = 0.05  # rad/s: slower is the noise of a joint that stands
 _DRIVES = 0.3  # of the root mean square of the speed: slower is standing, or turning on the spot
 _CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, from which its sign is clear
-# What no combination of rims explains of an odometry's speed, as a share. One that is made of them leaves
-# rounding and the way between two messages; cameras, lidars and GNSS leave several hundredths.
+# Share of an odometry's speed that no combination of rims explains. For one that is computed from the rims it
+# is rounding and the motion between two messages; for cameras, lidars and GNSS it is several hundredths.
 _OF_WHEELS = 0.01
 _LEAST = 50  # instants of driving, under which nothing is reported
 _BASE = 1.0  # s between two places whose difference is a speed
-_FAR = 4.0  # times the way: no drive has such a slip throughout
+_FAR = 4.0  # path of the rims over that of the vehicle: no drive has such a slip throughout
 _NEAR = (
     1.5  # times a known factor, or less: slip makes it larger, and the next one is 6 times as large
 )
@@ -38,20 +38,20 @@ _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
 class JointSpeeds(NamedTuple):
-    """Speeds of joints.
+    """Speeds of the joints of one topic.
 
     Attributes
     ----------
     times
-        Times of the instants, s.
+        Times of the instants, s, shape (instants,), rising.
     names
         Names of the joints.
     speeds
-        rad/s, (instants, joints), NaN if unknown.
+        Speeds, rad/s, shape (instants, joints); NaN if unknown.
     by_positions
-        Joints whose speeds are differences of their positions.
+        Joints whose speeds are computed from their positions, as their velocities are missing or unusable.
     wrong
-        By joint, how its velocities contradict its positions.
+        By joint, words on how its velocities contradict its positions; joints without a fault are absent.
     """
 
     times: Array
@@ -61,19 +61,19 @@ class JointSpeeds(NamedTuple):
     wrong: Mapping[str, str] = MappingProxyType({})
 
     def turning(self) -> list[str]:
-        """Joints that turn at some time."""
+        """Names of the joints that turn at some time."""
         with np.errstate(invalid="ignore"):
             moved = np.flatnonzero((abs(self.speeds) > _TURNS).any(axis=0))
         return [self.names[i] for i in moved]
 
 
 class Speed(NamedTuple):
-    """A vehicle's speed ahead by an odometry.
+    """A vehicle's forward speed by an odometry.
 
     Attributes
     ----------
     times, values
-        s and m/s, shape (instants,).
+        Times (s) and speeds (m/s, negative backward), shape (instants,).
     by_pose
         Whether the speed is computed from poses, since every twist is 0.
     """
@@ -84,14 +84,14 @@ class Speed(NamedTuple):
 
 
 def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
-    """Read the speeds (rad/s) of all joints of a JointState topic, by positions if velocities are unusable.
+    """Read the speeds of all joints of a JointState topic, from positions if velocities are unusable.
 
     Parameters
     ----------
     reader
         The bag, of which the topic's first messages are read.
     topic
-        The topic's name.
+        Name of the topic.
     """
     told: dict[str, list[tuple[int, float, float, bool]]] = {}
     for states in _first(reader, topic):
@@ -129,14 +129,14 @@ def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
 
 
 def speed_of(reader: BagReader, topic: str) -> Speed:
-    """Read the speed from a topic of Odometry: by its twist or, if every twist is 0, by its positions.
+    """Read the forward speed from a topic of Odometry: its twist or, if every twist is 0, from its poses.
 
     Parameters
     ----------
     reader
         The bag, of which the topic's first messages are read.
     topic
-        The topic's name.
+        Name of the topic.
     """
     rows = []
     for odometry in _first(reader, topic):
@@ -161,7 +161,7 @@ def speed_of(reader: BagReader, topic: str) -> Speed:
 
 
 def _first(reader: BagReader, topic: str) -> Iterator[Any]:
-    """The first messages of a topic, to where the bag is damaged."""
+    """Yield the first messages of a topic; in a damaged bag, those before the damage."""
     with suppress(BagError):
         for message in islice(reader.messages({topic}), _MOST):
             yield message.message
@@ -172,7 +172,7 @@ def _seconds(stamp: Any) -> float:
 
 
 def _together(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> tuple[Array, Array]:
-    """Instants at which the vehicle drives: joint speeds of these wheels, and its own speed."""
+    """Speeds of these joints (rad/s), shape (instants, wheels), and of the vehicle (m/s), while it drives."""
     places = [joints.names.index(name) for name in wheels]
     turned = joints.speeds[:, places]
     if len(speed.times) < 2 or not len(joints.times):
@@ -186,16 +186,16 @@ def _together(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> tuple[Arr
 
 
 def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, int]:
-    """Find by joint whether it turns forward (1) or backward (-1) as the vehicle drives forward.
+    """Find for each joint the sign of its speed as the vehicle drives forward: 1 or -1, by name of the joint.
 
-    Joints for which that is unclear are left out.
+    Joints for which that is unclear, or was recorded too briefly, are absent.
 
     Parameters
     ----------
     joints, speed
         Speeds of the joints and of the odometry, from one drive.
     wheels
-        Names of the joints.
+        Names of the joints that turn wheels.
     """
     found = {}
     for name in wheels:
@@ -210,7 +210,10 @@ def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, 
 
 
 def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float | None:
-    """Compute the share of an odometry's speed that no mixture of the rims explains; None for a short drive.
+    """Compute the share of an odometry's speed that no linear combination of the joints' speeds explains.
+
+    It is a number from 0 to 1, near 0 if the odometry is computed from the wheels; None if the drive is short
+    or there are no such joints.
 
     Parameters
     ----------
@@ -229,14 +232,14 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
 
 
 def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float]) -> float:
-    """Compute the distance that the rims travelled over that of the vehicle; NaN if either is unknown.
+    """Compute the mean distance that the rims travelled over that of the vehicle; NaN if either is unknown.
 
     Parameters
     ----------
     joints, speed
         Speeds of the joints and of the odometry, from one drive.
     radii
-        By joint, its wheel's radius, m.
+        Radius of the wheel (m) by name of the joint that turns it.
     """
     wheels = [joint for joint in radii if joint in joints.names]
     turned, values = _together(joints, speed, wheels) if wheels else (np.empty((0, 0)), np.empty(0))
@@ -247,14 +250,15 @@ def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float])
 
 
 def unit_by_way(times: float, radius: float) -> str:
-    """Find the unit of the joints' speeds by the distances of rims and vehicle; empty if it is rad/s.
+    """Find in which unit, other than rad/s, joints' speeds must be, from the distances of rims and vehicle.
 
-    A ratio of 4 would mean a slip of 0.75, which no drive has from end to end.
+    Returns words for the unit or units that the ratio fits; empty if it fits rad/s, or is NaN. A ratio of 4
+    would mean a slip of 0.75, which no drive has from end to end.
 
     Parameters
     ----------
     times
-        Ratio of the rims' path to the vehicle's, 1.
+        Path of the rims over that of the vehicle, as returned by `times_the_way`.
     radius
         Radius of the wheels, m.
     """
@@ -266,19 +270,21 @@ def unit_by_way(times: float, radius: float) -> str:
 
 
 def is_of_wheels(share: float | None) -> bool:
-    """Whether an odometry is computed from the wheels, by the share that `unlike_wheels` returned."""
+    """Whether an odometry is computed from the wheels. share: that of `unlike_wheels`; False for None."""
     return share is not None and share < _OF_WHEELS
 
 
 def upright(reader: BagReader, topic: str) -> tuple[int, str]:
-    """Find the direction of an imu's z axis: 1 up, -1 down, 0 if unclear; and the reason, in words.
+    """Find the direction of an imu's z axis from the gravity that it measures: 1 up, -1 down, 0 if unclear.
+
+    The second value is the reason why it is unclear, in words; empty if it is clear.
 
     Parameters
     ----------
     reader
         The bag, of which the topic's first messages are read.
     topic
-        The topic's name.
+        Name of the topic.
     """
     felt = [m.linear_acceleration for m in _first(reader, topic)]
     table = np.array([(f.x, f.y, f.z) for f in felt], dtype=float).reshape(-1, 3)

@@ -31,22 +31,23 @@ class InitError(SmallwheelError):
 
 @dataclass(frozen=True)
 class Rover:
-    """A rover's parameters, as far as they are known.
+    """The parameters of a rover that are known, and the file that is made from them.
 
     Attributes
     ----------
     origin
-        Source of the parameters, in words.
+        Source of the parameters, in words: a file, or a number of wheels.
     values
-        Parameters by full name, the wheels' names first.
+        Known parameters by full name, as "fl.diameter"; `wheels`, the names of the wheels, comes first.
     notes
         Sentences on what was assumed.
     described
         Whether a robot description was found.
     offers
-        Candidates for parameters that a user has to choose, by the parameter's full name.
+        By full name, values of parameters that were found but that only the user can decide to use: the file
+        has them commented out.
     ranged
-        Wheels whose sinkage a range sensor measures.
+        Names of the wheels whose sinkage a range sensor measures.
     of_bag
         Whether the parameters come from a bag, which can be replayed.
     """
@@ -66,7 +67,7 @@ class Rover:
 
     @property
     def missing(self) -> list[str]:
-        """Full names of parameters to be filled in; those that wheels share once, as `all_wheels`."""
+        """Full names of parameters to be filled in; one that all wheels lack is named once, `all_wheels`."""
         of_each = [*_SIZES, *(["range_height"] if self.ranged else [])]
         needed = [self._once(name) for name in of_each]
         needed += [self._place(name) for name in _PLACES]
@@ -74,22 +75,23 @@ class Rover:
         return list(dict.fromkeys([*mass, *(name for names in needed for name in names)]))
 
     def _lack(self, name: str) -> list[str]:
-        """Wheels of which a parameter is not known."""
+        """Names of the wheels for which a parameter is needed and not known."""
         known = for_each_wheel(self.values)
         wheels = self.ranged if name == "range_height" else self.wheels
         return [wheel for wheel in wheels if f"{wheel}.{name}" not in known]
 
     def _once(self, name: str) -> list[str]:
-        """A number that is most likely that of all wheels, once where none of them has one."""
+        """Full names of a missing parameter that wheels usually share: one name if every wheel lacks it."""
         lack = self._lack(name)
         if len(lack) == len(self.wheels):
             return [f"{ALL}.{name}"]
         return [f"{wheel}.{name}" for wheel in lack]
 
     def _place(self, name: str) -> list[str]:
-        """Places by a size of the vehicle where the wheels' names tell them, else of each wheel.
+        """Full names of what is missing to know a coordinate of all wheels.
 
-        One axle needs no wheelbase, wheels in one line no track: they are at 0.
+        It is the vehicle's track or wheelbase if the wheels' names show where they are, else the coordinate
+        of each wheel. One axle needs no wheelbase, wheels in one line no track: they are at 0.
         """
         lack = self._lack(name)
         size = _PLACES[name]
@@ -103,7 +105,7 @@ class Rover:
         return [] if placed or alone else [f"{wheel}.{name}" for wheel in lack]
 
     def text(self) -> str:
-        """The parameters that were found or assumed, and those that are to be filled in."""
+        """Report for people: the parameters that were found or assumed, and those to be filled in."""
         lines = [f"{self.origin}: wheels {', '.join(self.wheels)}"]
         lines += [
             f"  {name}: {written(value)}" for name, value in self.values.items() if name != "wheels"
@@ -123,7 +125,7 @@ class Rover:
         }
 
     def parameter_file(self) -> str:
-        """A ROS parameter file for the node and for replay."""
+        """The text of a ROS parameter file for the node and for replay, with FILL_IN for what is missing."""
         missing = self.missing
         lines = [
             f"# Parameters of mobility_estimator, made by `smallwheel init` from {self.origin}.",
@@ -159,7 +161,10 @@ class Rover:
 
 
 def _shared(values: Mapping[str, Value], wheels: Sequence[str]) -> dict[str, Value]:
-    """The same values, with what all wheels have alike written once; a name in a text is `<wheel>` then."""
+    """The values, with one `all_wheels` in place of a parameter that all wheels have alike.
+
+    Texts are alike if they differ only by the name of the wheel, which is replaced by `<wheel>`.
+    """
     found = dict(values)
     for row in PER_WHEEL:
         names = {wheel: row.for_wheel(wheel).name for wheel in wheels}
@@ -189,7 +194,7 @@ def rover_of_wheels(count: int) -> Rover:
 
 
 def rover_of_description(path: Path) -> Rover:
-    """The wheels of a robot description. Raises InitError."""
+    """The rover that a robot description describes. Raises InitError if it cannot be used."""
     text = description_in(path)
     try:
         joints, notes = wheel_joints(text)
@@ -210,7 +215,7 @@ def rover_of_description(path: Path) -> Rover:
 
 
 def description_in(path: Path) -> str:
-    """The text of a file with a robot description. Raises InitError."""
+    """The text of a file with a robot description. Raises InitError if it cannot be read."""
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise InitError(f"{path}: more than {_MOST_BYTES >> 20} MiB, expected a URDF")
@@ -223,9 +228,9 @@ def description_in(path: Path) -> str:
 
 
 def wheel_joints(description: str) -> tuple[dict[str, str], list[str]]:
-    """By wheel, the joint of a robot description that turns it; and notes for the user.
+    """The joint of a robot description that turns each wheel, by name of the wheel; and notes for the user.
 
-    Raises RobotDescriptionError, with the reason, where no joint turns a wheel.
+    description: text of the URDF. Raises RobotDescriptionError, with the reason, if no joint turns a wheel.
     """
     urdf = Urdf(description)
     gear = running_gear(urdf)
@@ -243,7 +248,10 @@ def wheel_joints(description: str) -> tuple[dict[str, str], list[str]]:
 
 
 def joint_values(joints: Mapping[str, str]) -> dict[str, Value]:
-    """By wheel, the parameters of those joints whose names are not what the node expects."""
+    """Parameters `<wheel>.joint` of the wheels whose joints do not have the default name.
+
+    joints: name of each wheel's joint, by wheel.
+    """
     default = str(PARAMETERS[f"{WHEEL}.joint"].default)
     return {
         f"{wheel}.joint": joint
@@ -256,10 +264,10 @@ def joint_values(joints: Mapping[str, str]) -> dict[str, Value]:
 
 
 class _LeftOut(NamedTuple):
-    """A parameter that a file leaves to people.
+    """A parameter that a file has commented out, for the user to decide.
 
-    value: what to write where nothing is found. why: why it is left out; where empty, it is only
-    mentioned where a bag has a topic for it. found: why, in a bag that has one.
+    value: the value in that line if nothing was found. why: why it is left out; if empty, it is mentioned
+    only if a value was found. brings: what it is good for. found: why it is left out although one was found.
     """
 
     value: Value

@@ -10,13 +10,13 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.node_parameter import Value
 from smallwheel_ros.onboard.wheel_names import best_match, words_of
 
-# Words of joints that steer; makers write them in one with others, too (`joint_STR_LF`).
+# Words in the names of joints that steer (`joint_STR_LF`).
 _STEERS = {"steer", "steering", "corner", "str"}
 _LOOKED_AT = 20  # messages of a topic: joint states come in parts
 
 
 def joints_of(reader: BagReader, topics: list[str]) -> dict[str, list[str]]:
-    """List the joints of each topic of joint states, by the topic, in their order of appearance.
+    """Names of the joints in the first messages of each topic, by topic, in their order of appearance.
 
     Parameters
     ----------
@@ -39,18 +39,26 @@ def steering_values(
     joints: Mapping[str, list[str]],
     main: str | None,
 ) -> tuple[dict[str, Value], list[str]]:
-    """Find parameters of steering joints that differ from those in `values`; also returns notes for the user.
+    """Find which recorded joints steer wheels: those of the robot description, else by their names.
 
     Parameters
     ----------
     values
-        Parameters by full name, with what the robot's description gives.
+        Parameters by full name, with those that the robot description gives.
     wheels
         Names of the wheels.
     joints
-        By topic, the names of its joints.
+        Names of the recorded joints by topic, as returned by `joints_of`.
     main
-        The topic of the wheels' joints; None: there is none.
+        The topic of the joints that turn wheels; None: there is none.
+
+    Returns
+    -------
+    parameters : dict
+        Parameters by full name that `values` lacks or has otherwise: `<wheel>.steering_joint`,
+        `steering_topic`.
+    notes : list of str
+        Sentences for the user.
     """
     found: dict[str, Value] = {}
     notes: list[str] = []

@@ -33,13 +33,13 @@ class Belief:
     Attributes
     ----------
     of
-        What determines it, in words.
+        What determines it, in words, as "plates".
     known
-        The law's parameters and their covariance.
+        The law's parameters (ln p_ref, n, m) and their covariance.
     diameters
-        Diameters of the bodies that were used, m; empty for a model.
+        Diameter of the body at each measured value, m; empty for a model.
     depths
-        Smallest and largest depth that they reached, m; empty for a model.
+        Measured sinkages, m, shape (values,); empty for a model.
     """
 
     of: str
@@ -48,14 +48,14 @@ class Belief:
     depths: Array
 
     def log_pressure(self, depth: float, diameter: float) -> tuple[float, float]:
-        """ln of the pressure (Pa), and its variance.
+        """ln of the pressure k z^n D^m (Pa), and its variance.
 
         Parameters
         ----------
         depth
-            Sinkage, m.
+            Sinkage z, m.
         diameter
-            Diameter of the body, m.
+            Diameter D of the body, m.
         """
         soil = self.known.soil
         deep, wide = np.log([depth / REFERENCE_SINKAGE, diameter / REFERENCE_DIAMETER]).tolist()
@@ -66,16 +66,22 @@ class Belief:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Two beliefs about one soil: the pressure of the second over that of the first.
+    """Two determinations of one soil's law, compared by their pressures at one depth under one diameter.
 
     Attributes
     ----------
-    low, high
-        95 % interval of the ratio.
+    soil
+        Name of the soil.
+    first, second
+        What determined each (`Belief.of`).
     depth, diameter
         Depth and diameter for which they are compared, m.
     pressures
-        k D^m z^n of both, Pa.
+        k z^n D^m of the first and of the second, Pa.
+    ratio
+        Pressure of the second over that of the first.
+    low, high
+        95 % interval of the ratio.
     """
 
     soil: str
@@ -90,7 +96,7 @@ class Agreement:
 
     @property
     def agrees(self) -> bool:
-        """Whether the interval has 1 in it."""
+        """Whether the interval of the ratio contains 1."""
         return self.low <= 1.0 <= self.high
 
     def sentence(self) -> str:
@@ -117,18 +123,20 @@ class Agreement:
 
 
 def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> Belief | None:
-    """Fit the law of one soil to these rows; None where they are too few.
+    """Determine the law of one soil from these rows alone; None if they are too few for a fit.
+
+    If they have one diameter only, the variance includes that of m's prior at other diameters.
 
     Parameters
     ----------
     measurements
-        Rows of one kind of contact.
+        Rows of one kind of contact in that soil.
     base
-        The model to fit, whose priors do not count.
+        The model to fit; its priors are not used.
     soil
-        The soil's name in the model.
+        Name of the soil in the model.
     words
-        What the rows are, in words for people.
+        What the rows are, for people, as "plates".
     """
     try:
         problem = Problem.of(measurements, replace(base, priors={}))
@@ -152,14 +160,17 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
 
 
 def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
-    """Compare the pressures at the middle of the depths that both reached, under the second's middle size.
+    """Compare the pressures of two laws of one soil at one depth and diameter.
+
+    The diameter is the geometric mean of the second's; the depth that of the ends of the depths that both
+    reached, or of all the second's depths if the first is a model.
 
     Parameters
     ----------
     soil
-        Its name.
+        Name of the soil.
     first, second
-        The laws by two kinds of tests.
+        Two determinations of its law; the second is from tests.
     """
     diameter = float(np.exp(np.mean(np.log(second.diameters))))
     if first.depths.size:
@@ -176,14 +187,17 @@ def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
 
 
 def agreements(measurements: Measurements, base: Base) -> tuple[Agreement, ...]:
-    """Compare the kinds of contact of each soil of a table, and the model that it starts from.
+    """Compare the kinds of contact in each soil of a table with each other, and with a known model.
+
+    The first of plate, pressed and rolling that can be fitted is compared with each other kind; the known
+    model with every kind. Empty if no soil has two of these.
 
     Parameters
     ----------
     measurements
         The table.
     base
-        The model that was fitted, with priors if it started from a known one.
+        The model that was fitted. Its priors, if it has any, are the soils of a known model.
     """
     contact = measurements.conditions.contact
     found: list[Agreement] = []

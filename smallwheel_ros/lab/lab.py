@@ -55,11 +55,15 @@ class LabFit(WithParameters, Result):
     fit
         Fit to load and sinkage; None if only shear was tested.
     laws
-        Laws of size of each soil whose plates have several sizes.
-    strengths
-        Strength of each soil that was sheared.
+        Laws of size, for each soil whose plates have several sizes.
+    agreements
+        Comparisons of plates, pressed and rolling wheels on one soil.
+    shear, strengths
+        Fit of the shear tests, and the strength that follows, for each soil that was sheared.
+    notes
+        Sentences on what could not be fitted.
     source
-        Name of the table of shear tests.
+        File of the shear tests; empty if there are none.
     """
 
     made: CalibratedModel | None
@@ -73,14 +77,14 @@ class LabFit(WithParameters, Result):
 
     @property
     def model(self) -> CalibratedModel:
-        """The model as a file has it. Raises StrengthError where shear tests alone make none."""
+        """The calibrated model. Raises StrengthError if there is none, as from shear tests alone."""
         if self.made is None:
             raise StrengthError(f"{self.source}: {_NO_MODEL}")
         return self.made
 
     @property
     def held_out(self) -> Mapping[str, float]:
-        """Held-out error (rmse) of load and sinkage by channel, m or N."""
+        """Held-out error (rms) of the fit to load and sinkage, by channel, SI; empty if there is none."""
         return {} if self.fit is None else self.fit.held_out
 
     @property
@@ -90,7 +94,10 @@ class LabFit(WithParameters, Result):
         return (*of_fit, *(p for strength in self.strengths for p in strength.parameters))
 
     def named(self) -> Mapping[str, FittedParameter]:
-        """By full name: constants of the laws of plates, and the model's own, which take precedence."""
+        """Parameters by full name ("soil.name"): of the laws of plates, of the model, of the shear tests.
+
+        Of one name, the later of these is taken.
+        """
         found = [c for laws in self.laws for law in laws.laws for c in law.constants]
         found += [] if self.fit is None else self.fit.named().values()
         sheared = [p for s in self.strengths for p in (*s.parameters, *s.derived)]
@@ -101,7 +108,7 @@ class LabFit(WithParameters, Result):
         return {p.full_name: p for p in (*found, *sheared)}
 
     def headline(self) -> str:
-        """The error of the fit to load and sinkage, and what else was tested."""
+        """One line: the error of the fit to load and sinkage, and what else was tested."""
         said = [] if self.fit is None else [self.fit.headline()]
         if self.laws:
             said.append(f"plates of {len(self.laws[0].diameters)} sizes")
@@ -167,11 +174,11 @@ def fit_lab(
     measurements
         Plates, pressed and rolling wheels; None if there are none.
     tests
-        Shear tests.
+        Shear tests; None if there are none.
     base
-        The model to fit; the plain one if not given.
+        The model to fit; None: the one that follows from `known`, else the contact integral without effects.
     known
-        A model to start from instead: its soils are refitted within their covariance, and its strength stays
+        A model to start from: its soils are refitted within their covariance, and its strength stays
         unless shear tests replace it.
     progress
         Called with each step in words.
@@ -179,7 +186,7 @@ def fit_lab(
     Raises
     ------
     FittingError, StrengthError
-        If the tests determine nothing, or do not fit to the model.
+        If the tests determine nothing, or are of a soil that the model does not have.
     """
     progress("shear tests")
     shear = () if tests is None else fit_shear(tests)
@@ -211,7 +218,7 @@ def fit_lab(
 
 
 def _laws(measurements: Measurements, problem: Problem) -> tuple[tuple[PlateLaws, ...], list[str]]:
-    """The laws of size in each soil that plates were pressed into; else why there are none."""
+    """The laws of size in each soil that plates were pressed into, and notes on soils without them."""
     plates = measurements.conditions.plate
     found: list[PlateLaws] = []
     notes: list[str] = []
@@ -227,7 +234,7 @@ def _laws(measurements: Measurements, problem: Problem) -> tuple[tuple[PlateLaws
 
 
 def _keep_strength(model: CalibratedModel, known: CalibratedModel | None) -> CalibratedModel:
-    """The model with the deviations of the strength that it took over from another."""
+    """The model with the covariance of the strength that it took over from `known`."""
     if known is None:
         return model
     names, covariance = model.names, model.covariance

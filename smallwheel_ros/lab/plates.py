@@ -37,7 +37,7 @@ Index = NDArray[np.intp]
 
 _SLOPE = SOIL_PARAMETERS["m"][1].deviation
 _BOUNDS = 5.0  # of s: a slope of eight prior deviations
-_SAME_SIZE = 0.02  # of ln size: plates are turned to better than that
+_SAME_SIZE = 0.02  # of ln size: plates are machined to better than that
 _RANGES = 4  # of depth, with as many points each: shallow, two between, deep
 _ANY = (-np.inf, np.inf)
 _REMEDY = "press plates whose sizes differ by a factor of 2 or more"
@@ -50,6 +50,8 @@ class FittedLaw:
 
     Attributes
     ----------
+    law
+        The law.
     constants
         Fitted values of the published law's constants. A unit that depends on an exponent has its letter, as
         Pa/m^n.
@@ -72,7 +74,15 @@ class FittedLaw:
 
 @dataclass(frozen=True)
 class DepthRange:
-    """Sinkages from `low` to `high` (m), and the relative error that the right law would have there."""
+    """A range of sinkage in which laws are judged.
+
+    Attributes
+    ----------
+    low, high
+        Ends of the range, m.
+    expected
+        Relative error (rms) of the sinkage that the true law would have there in a new run.
+    """
 
     low: float
     high: float
@@ -85,10 +95,14 @@ class PlateLaws:
 
     Attributes
     ----------
+    soil
+        Name of the soil.
     diameters
-        (Equivalent) diameters of the plates, m.
+        (Equivalent) diameters of the plates, m, rising.
     runs
         Number of runs.
+    laws
+        Each law, fitted.
     depths
         Ranges of sinkage in which the laws are judged.
     """
@@ -108,23 +122,23 @@ class PlateLaws:
     def better(self, first: FittedLaw, second: FittedLaw) -> bool:
         """Whether the first law predicts left-out sizes better than the second, beyond chance.
 
-        Sizes count as cases, not runs.
+        The cases of the test are sizes, not runs.
 
         Parameters
         ----------
         first, second
-            Two laws of this table.
+            Two of `laws`, with errors by size.
         """
         errors = (np.array([law.by_size[d] for d in first.by_size]) for law in (first, second))
         return clearly_less(*errors)
 
     def holds(self, law: FittedLaw, at: int) -> bool:
-        """Whether the law's error in a range of depth is no larger than the right law's would be.
+        """Whether the law's error in a range of depth is at most twice what the true law's would be.
 
         Parameters
         ----------
         law
-            One of this table.
+            One of `laws`, with errors by depth.
         at
             Index of the range in `depths`.
         """
@@ -132,14 +146,14 @@ class PlateLaws:
 
 
 def clearly_less(errors: Array, others: Array) -> bool:
-    """Whether errors are smaller than others of the same cases, by more than chance.
+    """Whether errors are smaller than others of the same cases, by more than chance explains.
 
-    A paired one-sided t test of their logarithms.
+    It is a paired one-sided t test of their logarithms.
 
     Parameters
     ----------
     errors, others
-        Positive errors, both in one unit, shape (cases,).
+        Positive errors of two laws, both in one unit, shape (cases,); two cases or more.
     """
     gain = np.log(others / errors)
     error = max(float(gain.std(ddof=1)) / np.sqrt(gain.size), 1e-300)
@@ -147,26 +161,36 @@ def clearly_less(errors: Array, others: Array) -> bool:
 
 
 class UnderLaw(Predictor):
-    """Predicts points of sinkage by one law of size, for a `Fitter`; `reference` is the reference size, m."""
+    """Predicts sinkage by one law of size, for a `Fitter`.
+
+    Parameters
+    ----------
+    law
+        Law of size.
+    reference
+        Size to which its p_ref refers (`reference_size`), m.
+    points
+        Points of sinkage.
+    """
 
     def __init__(self, law: PlateLaw, reference: float, points: Points) -> None:
         super().__init__(points.conditions, points.channels, points.channel, points.row)
         self.law, self.reference = law, reference
 
     def sinkage(self, theta: Array) -> Array:
-        """Predictions, shape (values,)."""
+        """Sinkage of each value, m, shape (values,). theta: as in the module's docstring, shape (3,)."""
         found = self.law.sinkage(self.conditions, self.reference, *theta.tolist())
         return np.asarray(found[self.row])
 
     def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
-        """Predictions and their slopes by parameter, shape (values,) and (values, parameters).
+        """Predicted sinkage (m) and its derivatives, shape (values,) and (values, parameters).
 
         Parameters
         ----------
         vector
-            Which numbers are free, and by what steps slopes are taken.
+            The law's parameters (`law_vector`), with the steps of the numerical derivatives.
         theta
-            Their values, shape (parameters,).
+            Values of the parameters, shape (parameters,).
         """
         base, steps = self.sinkage(theta), vector.steps(theta)
         moved = [self.sinkage(theta + step) for step in np.diag(steps)]
@@ -174,14 +198,14 @@ class UnderLaw(Predictor):
 
 
 def law_vector(law: PlateLaw, soil: str) -> ParameterVector:
-    """Parameters of a law of size (theta in the module's docstring), with their prior.
+    """The free parameters of a law of size, theta = (ln p_ref, n, s), with their joint prior.
 
     Parameters
     ----------
     law
         Law of size.
     soil
-        The soil's name.
+        Name of the soil, which owns the parameters.
     """
     (unit, p), (_, n) = SOIL_PARAMETERS["log_reference_pressure"], SOIL_PARAMETERS["n"]
     centre = law.tied_to_n * n.centre
@@ -199,19 +223,19 @@ def law_vector(law: PlateLaw, soil: str) -> ParameterVector:
 
 
 def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
-    """Fit the laws to plates in one soil, and leave out one size after the other.
+    """Fit the laws of size to plates in one soil; with three sizes or more, leave out each in turn.
 
     Parameters
     ----------
     fitter, fit
-        The model fitted to these plates alone, and its fitter; its scatter holds for all laws.
+        Fitter of these plates' points, and the model fitted to them; its scatter is used for all laws.
     soil
-        The soil's name.
+        Name of the soil.
 
     Raises
     ------
     FittingError
-        Where the plates are of one size.
+        If the plates are of one size, or all have one sinkage.
     """
     points = fitter.points
     diameter = points.column("diameter")
@@ -255,14 +279,17 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
 
 
 def reference_size(law: PlateLaw, points: Points) -> float:
-    """Size (m) for which p_ref holds: the soils' reference diameter, or else the plates' mean size.
+    """Size (m) to which a law's p_ref refers.
+
+    For the law of Meirion-Griffith and Spenko it is the reference diameter of soils, for the others the
+    geometric mean of the plates' sizes, diameter or width as the law has it.
 
     Parameters
     ----------
     law
         Law of size.
     points
-        The plates.
+        Points of the plates.
     """
     if law.id == "meirion_griffith_spenko":
         return REFERENCE_DIAMETER
@@ -276,14 +303,16 @@ def _rms(values: Array, group: Index) -> list[float]:
 
 
 def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
-    """ln of predicted over measured sinkage, shape (values,), of each group by a fit without its runs.
+    """Held-out errors: ln of predicted over measured sinkage, shape (values,).
+
+    Each value is predicted by a fit without the runs of its group.
 
     Parameters
     ----------
     fitter, fit
-        The model fitted to all values, and its fitter.
+        Fitter of a law of size, and its fit to all values.
     group
-        Number of the group of each point, shape (points,).
+        Number of each value's group, as its size, shape (values,).
     """
     points = fitter.points
     error = np.full(len(points), np.nan)
@@ -298,7 +327,7 @@ def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
 def _constants(
     law: PlateLaw, fitter: Fitter, fit: Fit, reference: float
 ) -> tuple[tuple[FittedParameter, ...], Array]:
-    """The published constants, and their covariance to first order."""
+    """The published constants, and their covariance (constants, constants), to first order in theta."""
 
     def of(theta: Array) -> Array:
         log_pressure, n, s = theta.tolist()
@@ -323,7 +352,7 @@ def _constants(
 
 
 def laws_text(laws: PlateLaws) -> str:
-    """The laws of size compared, and which of them holds at which depths."""
+    """Report for people on the laws of size: constants, errors, and which law holds at which depths."""
     sizes = listed([f"{1e3 * d:.4g}" for d in laws.diameters])
     lines = [f"Plates of {sizes} mm in {laws.soil}, {laws.runs} runs"]
     for law in laws.laws:
@@ -349,7 +378,7 @@ def percent(share: float) -> str:
 
 
 def which_law(laws: PlateLaws) -> list[str]:
-    """Sentences: which law predicts a new plate size best, and at which depths."""
+    """Sentences on which law predicts a new plate size best, and which laws hold at which depths."""
     best = laws.best
     if best is None:
         return [

@@ -54,9 +54,10 @@ class ShearForm(NamedTuple):
     id, name, formula, source
         Its id, and for people its name, formula and source.
     share
-        Function of displacements j (m) and (ln K [, K_r]) that gives tau / tau_max, 1.
+        Function of displacements j (m), shape (n,), and of the shape parameters (ln K [, K_r]), K in m; it
+        returns the stress over its maximum, tau / tau_max, shape (n,).
     start, low, high
-        Starting value and bounds of (ln (K / j_max) [, K_r]), with j_max the largest displacement.
+        Starting values and bounds of (ln (K / j_max) [, K_r]), where j_max is the largest displacement.
     """
 
     id: str
@@ -100,11 +101,11 @@ class ShearCurve:
     run
         Name of the run.
     normal_stress
-        Pa.
+        Mean normal stress of the run, Pa.
     displacement, stress
-        Means of the bins, m and Pa.
+        Mean displacement (m) and shear stress (Pa) in each bin.
     width
-        Widths of the bins, m.
+        Length of displacement that each bin stands for, m: its weight in a fit.
     """
 
     run: str
@@ -128,9 +129,9 @@ class RunFit:
     curve
         The run.
     numbers, covariance
-        Strength (Pa), ln of K in m and, for the peaked law, K_r; and the covariance of these.
+        Strength (Pa), ln of K in m and, for the peaked law, K_r, shape (2,) or (3,); and their covariance.
     misfit
-        Root mean square error along the curve, relative to the strength, 1.
+        Root mean square error along the curve, as a fraction of the strength.
     """
 
     curve: ShearCurve
@@ -140,7 +141,10 @@ class RunFit:
 
 
 def curves_of(tests: ShearTests) -> tuple[list[ShearCurve], list[str]]:
-    """The runs as curves, in order of the table; and what was left out."""
+    """The runs as curves, in the order of the table; and notes on what was left out or averaged.
+
+    Only rows whose displacement is over 0 and does not fall are used.
+    """
     curves, notes = [], []
     for name in dict.fromkeys(tests.run.tolist()):
         rows = np.flatnonzero(tests.run == name)
@@ -183,14 +187,14 @@ def _binned(name: str, sigma: float, j: Array, stress: Array) -> ShearCurve:
 
 
 def fit_curve(law: ShearForm, curve: ShearCurve) -> RunFit:
-    """Fit a law to one run by least squares over displacement.
+    """Fit a law to one run by least squares over displacement: its strength, ln K and, if it has one, K_r.
 
     Parameters
     ----------
     law
         Law of shear stress over displacement.
     curve
-        Displacements (m) and stresses (Pa).
+        The run.
     """
     weight = np.sqrt(curve.width / curve.width.sum())
     scale, log_end = float(np.max(np.abs(curve.stress))), np.log(curve.travel)
@@ -222,7 +226,7 @@ def fit_curve(law: ShearForm, curve: ShearCurve) -> RunFit:
 
 
 def normal_stresses(runs: Sequence[RunFit]) -> list[float]:
-    """The different normal stresses, Pa, in order."""
+    """The different normal stresses, Pa, rising; those that differ by less than 10 % count as one."""
     sigma = np.array([run.curve.normal_stress for run in runs])
     same = cluster(np.log(sigma), LOAD_TOLERANCE)
     return [float(sigma[same == i].min()) for i in range(same.max() + 1)]
@@ -234,12 +238,18 @@ class FittedShearLaw:
 
     Attributes
     ----------
+    law
+        The law.
     names, values, covariance
-        Names, values and covariance of c (Pa), tan phi, ln K (m) and, for the peaked law, K_r.
+        Names, values and covariance of c (Pa), tan phi, ln of K in m and, for the peaked law, K_r; shape
+        (3,) or (4,).
     held_out
-        Relative error on a curve that was left out when the law's shape was fitted; None with one run.
+        Error (rms) on curves that were left out when the shape was fitted, as a fraction of the strength;
+        None with one run.
     scatter
         Standard deviation from run to run of strength (relative), ln K and, for the peaked law, K_r.
+    runs
+        The law fitted to each run alone.
     """
 
     law: ShearForm
@@ -252,14 +262,14 @@ class FittedShearLaw:
 
 
 def fit_law(law: ShearForm, curves: list[ShearCurve]) -> FittedShearLaw:
-    """Fit the strength and the shape of one law to all runs of one soil.
+    """Fit one law to all runs of one soil: c, tan phi, ln K and, if the law has one, K_r.
 
     Parameters
     ----------
     law
         Law of shear stress over displacement.
     curves
-        One for each run.
+        The runs, at least one.
     """
     runs = tuple(fit_curve(law, curve) for curve in curves)
     # the size of the scatter from the line through all runs, not from each run's own value
@@ -284,10 +294,12 @@ def fit_law(law: ShearForm, curves: list[ShearCurve]) -> FittedShearLaw:
 
 
 class _Regression:
-    """The runs' numbers y on theta, a block of V = C_i + S for each run. level: size of strength, Pa.
+    """Regression of the runs' numbers y on theta (module's docstring); V has a block C_i + S for each run.
 
-    design: X, shape (values, parameters). centre, precision: of theta before the runs. medians: ln of
-    the scatter before them.
+    level: strength of each run, Pa, shape (runs,), to which the scatter of strengths is relative.
+
+    `_design` is X, shape (values, parameters); `_centre` and `_precision` are the prior of theta, 0 for none;
+    `medians` are those of the prior of ln scatter.
     """
 
     def __init__(self, runs: Sequence[RunFit], level: Array) -> None:
@@ -312,13 +324,13 @@ class _Regression:
         return Covariance(np.asarray(block_diag(*parts)))
 
     def solved(self, log_scatter: Array) -> tuple[Array, Array]:
-        """Generalised least squares: theta and its covariance for a given scatter."""
+        """Theta and its covariance by generalised least squares, for a given ln of the scatter."""
         weighted = self._covariance(log_scatter).solve(self._design)
         covariance = inverse(weighted.T @ self._design + np.diag(self._precision))
         return covariance @ (weighted.T @ self._number + self._precision * self._centre), covariance
 
     def cost(self, log_scatter: Array) -> float:
-        """Less the ln of the restricted likelihood of the scatter, with its prior."""
+        """Minus ln of the restricted likelihood of the scatter times its prior, but for a constant."""
         theta, covariance = self.solved(log_scatter)
         v = self._covariance(log_scatter)
         white = v.whiten(self._number - self._design @ theta)
@@ -328,7 +340,7 @@ class _Regression:
         return 0.5 * squares + v.log_root - 0.5 * float(np.linalg.slogdet(covariance)[1])
 
     def averaged(self, log_scatter: Array) -> Array:
-        """Covariance of theta with the scatter's own uncertainty in it, as `posterior_covariance`."""
+        """Covariance of theta, averaged over the uncertainty of the scatter, as in `posterior_covariance`."""
         size, h = log_scatter.size, 0.1
         curvature = np.empty((size, size))
         for a, b in np.ndindex(size, size):
@@ -344,7 +356,10 @@ class _Regression:
 
 
 def _shape_errors(law: ShearForm, runs: Sequence[RunFit]) -> Array:
-    """Error of each run's curve by the others' shape, at its own strength; relative, rms."""
+    """Error (rms) of each run's curve by the other runs' shape with its own strength, relative to that.
+
+    Shape (runs,).
+    """
     numbers = np.array([run.numbers[1:] for run in runs])
     between = _SCATTER[1 : 1 + numbers.shape[1]] ** 2
     weight = 1.0 / (np.array([np.diag(run.covariance)[1:] for run in runs]) + between)
@@ -361,9 +376,10 @@ def _shape_errors(law: ShearForm, runs: Sequence[RunFit]) -> Array:
 
 
 def _shows_peak(plain: FittedShearLaw, peaked: FittedShearLaw) -> bool:
-    """Whether the curves show a peak: on runs left out, or, of one run, by Schwarz's criterion.
+    """Whether the curves show a peak: the law with a peak must predict runs that were left out better.
 
-    And the stress must fall by more than what the law with a peak is off: else there is none to see.
+    A single run is judged by Schwarz's criterion instead. And by that law the stress must fall from the peak
+    by more than the law's misfit: else there is no peak to see.
     """
     travel = np.asarray(
         max(run.curve.travel for run in plain.runs) * np.arange(1, 201) / 200.0, dtype=np.float64
@@ -379,7 +395,21 @@ def _shows_peak(plain: FittedShearLaw, peaked: FittedShearLaw) -> bool:
 
 @dataclass(frozen=True)
 class ShearFit:
-    """The shear tests of one soil under both laws, and whether the curves show a peak (`shows_peak`)."""
+    """The shear tests of one soil, fitted by both laws.
+
+    Attributes
+    ----------
+    soil
+        Name of the soil; empty if the table names none.
+    plain
+        Fit of Janosi and Hanamoto's law, which has no peak.
+    peaked
+        Fit of the law with a peak and a residual strength.
+    shows_peak
+        Whether the curves show a peak.
+    notes
+        Sentences on runs that were left out or averaged.
+    """
 
     soil: str
     plain: FittedShearLaw
@@ -389,14 +419,14 @@ class ShearFit:
 
     @property
     def chosen(self) -> FittedShearLaw:
-        """The law that the curves follow better."""
+        """`peaked` if the curves show a peak, else `plain`."""
         return self.peaked if self.shows_peak else self.plain
 
 
 def fit_shear(tests: ShearTests) -> tuple[ShearFit, ...]:
-    """Fit the strength of each soil of a table of shear tests.
+    """Fit both laws to the shear tests of each soil of a table; one result for each soil.
 
-    Raises FittingError if no run can be used, or the strength falls with the normal stress.
+    Raises FittingError if no run of a soil can be used.
     """
     found = []
     for soil in dict.fromkeys(tests.soil.tolist()):

@@ -45,18 +45,20 @@ class LabStrength:
 
     Attributes
     ----------
+    soil
+        Name of the soil; empty if the tests name none.
     cohesion
-        Pa, at least 0.
+        c, Pa, at least 0.
     friction_angle
-        rad.
+        phi, rad.
     modulus
-        K, m.
+        Shear deformation modulus K, m.
     covariance
         Covariance of (c, phi, ln K), shape (3, 3).
     parameters
-        The parameters for people, with c as fitted, even below 0.
+        c, phi and ln K as fitted, for people: c and phi may be below 0 here.
     notes
-        What the tests cannot determine.
+        Sentences on what the tests cannot determine, and on what was set to 0.
     """
 
     soil: str
@@ -69,7 +71,7 @@ class LabStrength:
 
     @property
     def derived(self) -> tuple[FittedParameter, ...]:
-        """K with its deviation: to first order, K times that of ln K."""
+        """K (m) as a parameter for people; its deviation is, to first order, K times that of ln K."""
         of_log = self.parameters[2]
         std = self.modulus * float(np.sqrt(self.covariance[2, 2]))
         return (
@@ -78,14 +80,14 @@ class LabStrength:
         )  # fmt: skip
 
     def of(self, soil: Soil, source: str) -> Soil:
-        """Return a soil with this strength, and its own k, n and m.
+        """Return a copy of a soil with this strength; its k, n and m stay.
 
         Parameters
         ----------
         soil
             The soil.
         source
-            Where the strength is from, in words.
+            File of the shear tests, which is added to the soil's `source`; empty: nothing is added.
         """
         told = f"{soil.source}; " if soil.source else ""
         return replace(
@@ -98,9 +100,9 @@ class LabStrength:
 
 
 def strength_of(fit: ShearFit) -> LabStrength:
-    """Numbers of Janosi and Hanamoto's law for a model, and remarks on them.
+    """The strength for a model, from the fit of Janosi and Hanamoto's law: c and phi are at least 0.
 
-    Raises StrengthError where the strength falls with the normal stress, or is not known at all.
+    Raises StrengthError if the strength falls with the normal stress, or the curves show no limit of it.
     """
     law = fit.plain
     c, friction, log_modulus = law.values.tolist()
@@ -145,7 +147,7 @@ def strength_of(fit: ShearFit) -> LabStrength:
 
 
 def _refuse_unknown(fit: ShearFit) -> None:
-    """Raise StrengthError where the curves show no limit of the stress."""
+    """Raise StrengthError if the curves show no limit of the stress: the strength is not determined then."""
     law = fit.plain
     sigma = float(np.mean([run.curve.normal_stress for run in law.runs]))
     at = np.zeros(law.values.size)
@@ -232,16 +234,17 @@ def with_strength(
 ) -> CalibratedModel:
     """Return a model with the measured strengths of its soils, and their covariance.
 
-    One soil in the model and one in the tests are the same soil, whatever they are called.
+    One soil in the model and one in the tests are taken as the same soil, whatever they are called. Effects
+    stay; what the model knows of measured forces and of rival models is dropped.
 
     Parameters
     ----------
     model
-        The model, of which only the strength changes.
+        The model.
     strengths
-        One for each soil of the tests.
+        One strength for each soil of the tests.
     tests
-        The shear tests that the strengths come from.
+        The shear tests from which the strengths were computed.
 
     Raises
     ------
@@ -279,12 +282,12 @@ def with_strength(
 
 
 def shear_text(fit: ShearFit, strength: LabStrength) -> str:
-    """Report the strength and shape of one soil, and which law its curves follow, in words.
+    """Report for people on the shear tests of one soil: both laws' numbers and errors, and the better law.
 
     Parameters
     ----------
     fit, strength
-        The shear tests of a soil, and the strength that they give it.
+        The fitted shear tests of a soil, and the strength that `strength_of` made from them.
     """
     runs = fit.plain.runs
     stresses = listed([f"{1e-3 * s:.4g}" for s in normal_stresses(runs)])
@@ -321,12 +324,15 @@ def _shape_error(law: FittedShearLaw) -> str:
 
 
 def shear_document(fit: ShearFit, strength: LabStrength) -> dict[str, Any]:
-    """Report the strength and shape of one soil as plain values, SI.
+    """Report on the shear tests of one soil as plain values for JSON, SI units.
+
+    Keys: soil, follows (id of the better law), model (the strength with its covariance), parameters, laws (by
+    id: both fits, with each run), notes.
 
     Parameters
     ----------
     fit, strength
-        The shear tests of a soil, and the strength that they give it.
+        The fitted shear tests of a soil, and the strength that `strength_of` made from them.
     """
     return {
         "soil": fit.soil,

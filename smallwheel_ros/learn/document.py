@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was learnt as plain values, which are the JSON by contract; and in words."""
+"""What was learnt: as plain values, which are the content of the JSON; and in words."""
 
 from __future__ import annotations
 
@@ -29,15 +29,16 @@ _TWO = 2.0  # deviations: the band of a curve, the interval of a constant
 _SHOWN = 40  # tied formulas in the document
 _STEPS = 12  # of Newton's method
 _STRIDE = 0.25  # of the furthest shift: longest step
-_FAR = 3.0  # ln factor that no setting may ask for: its measurement says nothing of the place
-_ENOUGH = 0.5  # share of the points that must say both
-_DULL = 0.02  # slope of ln value by ln factor, under which the channel does not show the place
+_FAR = 3.0  # ln factor from which on a measurement says nothing about the place
+_ENOUGH = 0.5  # share of the points in which both channels must say something
+_DULL = 0.02  # slope of ln value by ln factor under which a channel says nothing about the place
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
-    """Turn the result of a search into plain values.
+    """Turn the result of a search into plain values, the document of `smallwheel learn --json`.
 
-    `measure_next`, `file` and laws that were learnt after this one are filled in later.
+    Its `measure_next` and `file` are None here, and laws that were learnt after this one are absent: the
+    caller fills them in.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
 
 
 def _of_law(fitter: Fitter, best: JudgedLaw, name: str | None) -> Entry:
-    """What there is to say where a law was found. name: None where it is not drafted."""
+    """Entries of the document that need a best law. name: id of the law; None if it is not drafted."""
     (before, after), floors = (e.rmse() for e in best.errors), expected_error(fitter, best.law.fit)
     shape = shape_of(fitter, best)
     stages = dict.fromkeys((c.law.place.stage, c.law.drivers) for c in best.tied)
@@ -132,9 +133,9 @@ def _law(fitter: Fitter, best: JudgedLaw, name: str) -> Entry:
 
 
 def _interval(number: Number, best: JudgedLaw) -> tuple[float, float]:
-    """Two deviations each way, over the draft and the tied laws of its shape.
+    """Interval of a number: two deviations each way, enclosing those of the tied laws with the same terms.
 
-    A constant of shape means the same at any place; a strength only at its own, under its link.
+    A constant of shape means the same at any place, a strength only at one place with one link.
     """
     mine, ends = best.law.law, []
     for candidate in best.tied:
@@ -155,8 +156,6 @@ def _interval(number: Number, best: JudgedLaw) -> tuple[float, float]:
 def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | None:
     """Compute the curve of a law over its driver, and those of all laws that fit equally well.
 
-    In the dictionary, `factor` is that of the draft (or a shift of n, or a resistance in N per carrier), and
-    `low` and `high` enclose all tied laws of the same stage and drivers, with two standard deviations.
     None if the law depends on no driver, on several, or on the depth.
 
     Parameters
@@ -165,6 +164,15 @@ def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | Non
         Fitter that fitted the laws.
     best
         The law, with those that fit as well.
+
+    Returns
+    -------
+    shape : dict
+        Arrays of shape (x,): `x`, the driver, SI; `factor`, that of the law (a shift where the place adds,
+        per unit of its carrier); `low` and `high`, which enclose all tied laws of the same place and drivers
+        with two standard deviations.
+    curves : list of ndarray
+        The factor or shift of each of these tied laws but the law itself, shape (x,).
     """
     law, points = best.law.law, fitter.points
     if len(law.drivers) != 1 or not law.columns:
@@ -185,7 +193,7 @@ def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | Non
 
 
 def _curve(candidate: LawCandidate, u: Array) -> tuple[Array, Array]:
-    """ln factor (or shift) of a law where its one driver is u, with its standard deviation."""
+    """ln factor (or shift) of a law at values u of its one driver, and its standard deviation; shape of u."""
     law, fit, numbers = candidate.law, candidate.fit, candidate.numbers
 
     def at(changed: dict[str, float]) -> Array:
@@ -201,12 +209,13 @@ def _curve(candidate: LawCandidate, u: Array) -> tuple[Array, Array]:
     return middle, np.sqrt(np.einsum("ip,ij,jp->p", slopes, covariance, slopes))
 
 
-# --- What each setting asks of a place: the ln factor (shift of n and R) that makes its measurement right.
-# Sinkage and resistance ask apart. Where a law acts at that place, both ask for the same.
+# --- The correction that each point asks for at a place: the ln factor (for n and R the shift) with which the
+# model without the law predicts its measurement. Sinkage and resistance ask for one each; at the place where
+# a law truly acts both ask for the same.
 
 
 def _implied(fitter: Fitter, best: LawCandidate) -> list[Entry]:
-    """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
+    """The factor or shift that each point asks for at the law's place, by channel, with its deviation."""
     law, points = best.law, fitter.points
     asks = _asked_of(fitter, best.fit, law.place)
     x: Array = np.zeros(len(points.conditions))
@@ -224,10 +233,10 @@ def _implied(fitter: Fitter, best: LawCandidate) -> list[Entry]:
 
 
 def _disagreements(fitter: Fitter, best: JudgedLaw) -> dict[str, float | None]:
-    """By stage, how much the channels disagree on what they ask of it: 1 where it is that stage.
+    """By stage, the disagreement of sinkage and resistance on the correction; about 1 at the true stage.
 
-    Mean squared difference over its variance; None where few points say both. Each stage is judged with
-    its own best law's soil where one is known, else with that of the draft.
+    It is the mean of the squared difference over its variance; None if too few points say both. The soil is
+    that of the stage's own best tied law if there is one, else that of the draft.
     """
     found: dict[str, float | None] = {}
     for place in places_for(fitter.points.channels):
@@ -246,10 +255,10 @@ def _disagreements(fitter: Fitter, best: JudgedLaw) -> dict[str, float | None]:
 
 
 def _asked_of(fitter: Fitter, fit: Fit, place: Place) -> dict[str, tuple[Array, Array]]:
-    """By channel, the shift that each point asks for and its deviation, NaN where it does not say.
+    """By channel, the ln factor or shift that each point asks for and its deviation, shape (points,) each.
 
-    fit: the model with its law; the law is taken out and the soil kept, so that what is asked is
-    what the law should be.
+    NaN where the measurement says nothing about the place. fit: that of the model with its law; the law is
+    taken out and the soil kept, so that the points ask for all that the law should be.
     """
     points, with_law = fitter.points, fit.model
     others = [e for e in with_law.effects if e.id != SOUGHT]
@@ -276,7 +285,10 @@ def _asked_of(fitter: Fitter, fit: Fit, place: Place) -> dict[str, tuple[Array, 
 def _solve(
     model: Model, conditions: Conditions, place: Place, channel: str, measured: Array, far: float
 ) -> tuple[Array, Array]:
-    """Shift at which each row's prediction is as measured, and the prediction's slope by it."""
+    """ln factor or shift at which each row's prediction is `measured`, and the prediction's slope by it.
+
+    Shape (rows,) each. far: limit of the shift, either way.
+    """
 
     def at(shift: Array) -> Array:
         asked = LearntLaw(place, "exponential", (CONSTANT,)).effect({"a1": shift})
@@ -326,7 +338,7 @@ def headline(document: Entry) -> str:
 
 
 def grows(document: Entry) -> str:
-    """What the law does: `Sinkage grows with slip and levels off (x 1.50 from 0 to 0.45).`."""
+    """What the law does, in a sentence: "Sinkage grows with slip and levels off (x 1.50 from 0 to 0.45)."."""
     law, shape = document["law"], document["shape"]
     what, followed = _STAGES[law["stage"]], " and ".join(words(d) for d in law["drivers"])
     if not law["drivers"]:
@@ -347,12 +359,12 @@ def grows(document: Entry) -> str:
 
 
 def origin(document: Entry) -> str:
-    """State what a law was learnt from, and that it is not published."""
+    """Words on the settings and ranges that a law was learnt from, and that it is not published."""
     ranges = document["law"]["range"].items()
     where = "".join(f", {words(n)} {number(a)} to {number(b)}" for n, (a, b) in ranges)
     return f"Learnt from {document['data']['settings']} settings{where}; not published"
 
 
 def trust(document: Entry) -> str:
-    """Say how far the law can be trusted."""
+    """A sentence on where the law can be trusted: in the range that it was learnt from."""
     return f"{origin(document)}; beyond that it is a guess."

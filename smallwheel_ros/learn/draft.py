@@ -22,13 +22,27 @@ from smallwheel_ros.measurements.measurements import Measurements
 
 Array = NDArray[np.float64]
 
-_AROUND = 8.0  # deviations: bounds of a number in a file
-_AT_LEAST = 0.05  # of the number, in place of a deviation that is smaller
+_AROUND = 8.0  # standard deviations: bounds of a number in a file
+_AT_LEAST = 0.05  # of the number: a smaller deviation is replaced by this for its bounds
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a law, as in its file; `std` is its standard deviation, None if unknown."""
+    """One number of a law, as in its file: a strength or a constant of shape.
+
+    Attributes
+    ----------
+    name
+        a1, a2 for strengths, c1, c2 for constants of shape.
+    value
+        Fitted value, in `unit`.
+    std
+        Its standard deviation; None if the fit ended at a bound.
+    unit
+        SI unit; "1" for a pure number.
+    bounds
+        Lowest and highest value that a later fit may give it.
+    """
 
     name: str
     value: float
@@ -43,12 +57,12 @@ class Number:
 
 
 def numbers_of(fitter: Fitter, candidate: LawCandidate) -> list[Number]:
-    """List a law's numbers with their standard deviations.
+    """List a law's numbers, fitted, with their standard deviations: strengths, then constants of shape.
 
     Parameters
     ----------
     fitter
-        Fitter that fitted it.
+        Fitter that fitted the law.
     candidate
         The law and its fit.
     """
@@ -78,7 +92,7 @@ def _driver(term: Term) -> Driver:
 
 
 def name_problem(name: str, taken: Collection[str]) -> str:
-    """Why a name cannot be a new effect's id; empty if it can.
+    """Words on why a name cannot be a new effect's id; empty if it can.
 
     Parameters
     ----------
@@ -125,7 +139,7 @@ class {title}(Drafted):
 
 
 def file_text(classes: list[str]) -> str:
-    """The file with these laws."""
+    """Text of the Python file that defines these classes, each as `class_text` returns it."""
     return "\n\n".join([_HEAD, *classes])
 
 
@@ -138,16 +152,17 @@ def class_text(
     tied: int,
     summary: str,
 ) -> str:
-    """Write the Python class of a law. Numbers have all their digits, so that predictions stay the same.
+    """Text of the Python class that defines a law as an effect.
 
-    Texts are written by their repr: names of columns and files may have any character.
+    Numbers have all their digits, so that predictions stay the same. Texts are written by their repr: names
+    of columns and files may have any character.
 
     Parameters
     ----------
     law, numbers
-        The law, and its numbers with their deviations.
+        The law, and its numbers as returned by `numbers_of`.
     name
-        Id of the effect.
+        Id of the effect, from which the name of the class is made.
     measurements
         The table that it was learnt from.
     settings

@@ -32,20 +32,20 @@ from smallwheel_ros.physics.wheel import GRAVITY
 Array = NDArray[np.float64]
 
 DEPTH = "sinkage/diameter"
-SIZES = {"load": "N", "width": "m", "diameter": "m"}  # what every row has, with units
-FEWEST_LEVELS = 3  # of a law: two values are a difference between two days
+SIZES = {"load": "N", "width": "m", "diameter": "m"}  # settings that every row has, with units
+FEWEST_LEVELS = 3  # values of a driver of a law: two may differ as two days do
 _FEWEST_FOR_PRODUCTS = 14  # settings from which laws of two drivers are tried
 _QUANTILES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
-_LEVEL = 0.01  # of the range: what differs by less is one level
-_FAR = 0.6  # of the largest value: a range that begins beyond it has its zero far away
+_LEVEL = 0.01  # of the range: values that differ by less are one level
+_FAR = 0.6  # of the largest value: a range that begins above it is far from 0
 # Variables of a drafted method that are no drivers.
 _TAKEN = ("self", "conditions", "state", "sinkage", "diameter", "np", "u", "continued")
 _CURVED = 4  # levels of a driver from which a shape with a constant is tried
 _SCALES = (0.1, 0.2, 0.35, 0.6, 1.0)  # of a driver's span
-# Of a driver's span; neighbours are an eighth apart. Of a longer one no whole wave was seen: that is a bend.
+# Of a driver's span; neighbours are an eighth apart. A longer wave is not seen whole: it is a bend.
 _PERIODS = np.geomspace(0.2, 1.0, 15)
 _A_WAVE = 4  # levels of a driver to a period: fewer do not show one
-_PHASES = np.arange(6) / 12  # of a period: over half of one, since a strength has either sign
+_PHASES = np.arange(6) / 12  # of a period: half of one is enough, since a strength has either sign
 _STEP = 0.03  # of a driver's span: width of a step
 
 
@@ -56,22 +56,24 @@ def _compiled(code: str) -> CodeType:
 
 @dataclass(frozen=True)
 class Shape:
-    """A function of one driver u, with at most one constant c, of which terms are products.
+    """A function of one driver u, with at most one constant c. Terms are products of shapes.
 
     Attributes
     ----------
+    name
+        Name of the shape.
     code
         Python expression in u and c.
     text
         Formula for people, with {u} and {c}.
     power
-        Power of u's unit in which its value is (0: no unit).
+        The value has the unit of u to this power (0: no unit).
     constant
-        Whether it has a c, and whether that is fitted (`free`) or is the driver's middle (`given`).
+        `none` if it has no c, `free` if c is fitted, `given` if c is the driver's `middle`.
     written
-        How many further numbers its code has, which have to be described like c.
+        Number of further numbers in its code, which count in the length of the description as c does.
     alone
-        Whether it is never added to another shape.
+        Whether a term of it is never added to another term.
     side
         +1 if it is zero for u below 0, -1 if it is zero for u above 0; else 0.
     """
@@ -112,15 +114,15 @@ GROWTH = Shape("growth", "np.expm1(u / c)", "(exp({u}/{c}) - 1)", constant="free
 
 
 def step(width: float) -> Shape:
-    """A step from 0 to 1 at c, over a width in u's unit, which a fit of c can follow."""
+    """Shape of a step from 0 to 1 at c, over a width in u's unit: smooth, so that c can be fitted."""
     code = f"0.5 + 0.5 * np.tanh((u - c) / {width!r})"
     return Shape("step", code, f"step({{u}} - {{c}}, width {width:.2g})", constant="free")
 
 
 def wave(period: float) -> Shape:
-    """A sine of u with a period in u's unit; c is where it rises through 0.
+    """Shape of a sine of u with a period in u's unit; it rises through 0 at c.
 
-    Never added to another shape, since it would follow whatever residual that leaves.
+    It is never added to another shape, since it would follow whatever residual that leaves.
     """
     code = f"np.sin({2.0 * np.pi / period!r} * (u - c))"
     text = f"sin(2 pi ({{u}} - {{c}})/{period:.3g})"
@@ -133,25 +135,29 @@ class Driver:
 
     Attributes
     ----------
+    name
+        Name for people: a setting, or a formula of several, as "width/diameter".
     columns
-        Settings from which it is computed; empty for the depth.
-    code
-        Python of `conditions` (and `state`) that computes it; the search evaluates this line, and a
-        drafted file contains it.
+        Settings from which it is computed; empty for sinkage/diameter.
     variable
-        Its name in that file.
+        Its name in a drafted file.
+    code
+        Python expression in `conditions` (and `state`, a `WheelState`) that computes it; the search evaluates
+        it, and a drafted file contains it.
+    unit
+        SI unit; "1" for a pure number.
     weight
-        For how many drivers it counts.
+        The number of drivers that it counts as when laws are compared.
     reference
-        Value that is subtracted from it, SI.
+        Value that is subtracted from it, SI: not 0 if its range is far from zero, as a temperature in K.
     low, high
-        Ends of its range after the subtraction, SI.
+        Ends of its measured range after the subtraction, SI.
     middle
-        Median of its magnitude, SI.
+        Median of its magnitude after the subtraction, SI.
     quantiles
-        `_QUANTILES` of its values.
+        Quantiles (`_QUANTILES`) of its values after the subtraction, SI.
     levels
-        Number of different values.
+        Number of different values that were measured.
     """
 
     name: str
@@ -168,14 +174,14 @@ class Driver:
     levels: int = 0
 
     def values(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
-        """Its values minus the reference, shape (rows,).
+        """Compute the driver minus its reference, SI, shape (rows,).
 
         Parameters
         ----------
         conditions
-            Settings, SI units.
+            Settings of the rows, SI units.
         sinkage
-            m, shape (rows,); for a driver that is computed from it.
+            Sinkage, m, shape (rows,); needed by the driver sinkage/diameter only.
         """
         state = SimpleNamespace(sinkage=sinkage)
         found = eval(_compiled(self.code), {"np": np, "conditions": conditions, "state": state})
@@ -222,7 +228,7 @@ _DEPTH = Driver(DEPTH, (), "depth", "state.sinkage / conditions.diameter", "1", 
 
 
 def _froude(conditions: Conditions) -> Driver:
-    """Froude's number under the gravity of the table: a number where it is one, else its column."""
+    """The driver Froude's number; gravity is a number in its code if it is the same in all rows."""
     columns: tuple[str, ...] = ("speed",)
     gravity = str(GRAVITY)
     if GRAVITY_COLUMN in conditions:
@@ -235,7 +241,7 @@ def _froude(conditions: Conditions) -> Driver:
 
 
 def _at_most(low: float, span: float) -> float:
-    """The lowest value, rounded down to a tenth of the span or less: 293 of 293.15 to 308."""
+    """The lowest value, rounded down to a tenth of the span or finer: 293 for a range of 293.15 to 308."""
     if span <= 1e-9 * low:
         return low
     unit = 10.0 ** _digits(span)
@@ -265,7 +271,7 @@ def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]
     points
         The points of the fit.
     sinkage
-        Sinkage by the base model, m, shape (points,).
+        Sinkage predicted by the model without the law, m, shape (points,).
     """
     used, found = np.unique(points.row), []
     usable = independent(points)
@@ -287,9 +293,9 @@ def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]
 
 
 def _says_more(compound: Driver, usable: Mapping[str, Array]) -> bool:
-    """Whether a compound says something that its columns alone do not.
+    """Whether a compound can be a driver: its columns are usable, and one has three levels or more.
 
-    Columns of two values each make a compound of four, which are still two days by two days.
+    Two columns of two values each make a compound of four, but no more evidence than two differences.
     """
     columns = {*compound.columns, "diameter"}  # each is of the diameter
     graded = [c for c in columns & usable.keys() if _levels(usable[c]) >= FEWEST_LEVELS]
@@ -297,7 +303,7 @@ def _says_more(compound: Driver, usable: Mapping[str, Array]) -> bool:
 
 
 def _levels(x: Array) -> int:
-    """How many different values there are."""
+    """Number of different values, within `_LEVEL` of the range."""
     return int(np.unique(np.round((x - x.min()) / max(float(np.ptp(x)), 1e-300) / _LEVEL)).size)
 
 
@@ -307,12 +313,14 @@ class Term:
 
     Attributes
     ----------
+    factors
+        Each driver with its shape; at most one shape has a free constant.
     constant
-        c of the shape in which it is free, else 1.
+        Starting value of the free constant c, in its driver's unit; 1 without one.
     bounds
-        Bounds of c.
+        Lowest and highest value of c.
     cost
-        Nats needed to describe it, apart from the place where it acts.
+        Length of its description in nats, apart from the place where it acts.
     """
 
     factors: tuple[tuple[Driver, Shape], ...]
@@ -357,14 +365,14 @@ class Term:
         return DEPTH in self.drivers
 
     def of(self, values: Callable[[Driver], Array], constant: ArrayLike | None = None) -> Any:
-        """The term's value for given values of the drivers.
+        """Compute the term for given values of the drivers: an array of their shape, or 1.0 without drivers.
 
         Parameters
         ----------
         values
-            Returns the values of a driver.
+            Returns the values of a driver minus its reference, SI.
         constant
-            c; its own if None.
+            The free constant c, in its driver's unit; None: `self.constant`.
         """
         if not self.factors:
             return 1.0
@@ -375,27 +383,27 @@ class Term:
         return eval(code, {"np": np, "continued": continued, "c": c, **known})
 
     def at(self, conditions: Conditions, sinkage: Array) -> Array:
-        """The term's value at each row, shape (rows,).
+        """Compute the term at each row of the conditions, with its own constant, shape (rows,).
 
         Parameters
         ----------
         conditions
-            Settings, SI units.
+            Settings of the rows, SI units.
         sinkage
-            m, shape (rows,).
+            Sinkage, m, shape (rows,), for the driver sinkage/diameter.
         """
         value = self.of(lambda driver: driver.values(conditions, sinkage))
         return np.broadcast_to(value, len(conditions))
 
     def python(self, constant: str, variables: Mapping[str, str]) -> str:
-        """The term as Python.
+        """The term as a Python expression, continued along its tangent beyond the measured range.
 
         Parameters
         ----------
         constant
-            Its c in that code: a name or a number.
+            Python for the free constant c: a name or a number.
         variables
-            Names of its drivers' values in that code, by the driver's column.
+            Python names of the drivers' values, by the name of the driver.
         """
         made = []
         for driver, shape in self.factors:
@@ -408,7 +416,7 @@ class Term:
         return made[0] if len(made) == 1 else f"({' * '.join(made)})"
 
     def text(self, constant: float | None) -> str:
-        """The term as written in a formula for people."""
+        """The term in a formula for people. constant: the free constant c; None for a term without one."""
         parts = []
         for driver, shape in self.factors:
             c = constant if shape.constant == "free" else driver.middle
@@ -421,14 +429,15 @@ class Term:
 
 
 def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
-    """List every term of these drivers that the grammar allows.
+    """List every term of these drivers that the grammar allows, once for each constant of a grid.
 
     Parameters
     ----------
     drivers
         Drivers that vary over the points.
     settings
-        Number of settings that were measured.
+        Number of settings that were measured: with 14 or more there are products of two drivers. It also
+        sets the cost of each number of a term, 1/2 ln(settings).
     """
     single = [term for driver in drivers for term in _single(driver)]
     pairs: list[Term] = []
@@ -446,7 +455,7 @@ def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
 
 
 def _plain(driver: Driver) -> list[Shape]:
-    """Shapes without a fitted constant. Of two values one shape is as good as another."""
+    """Shapes without a fitted constant; only the linear one for a driver of two values, which fits both."""
     if driver.levels < FEWEST_LEVELS:
         return [LINEAR]
     if driver.low < 0.0:
@@ -464,6 +473,7 @@ def _single(driver: Driver) -> Iterator[Term]:
     low, high, span = driver.low, driver.high, driver.span
 
     def made(shape: Shape, constants: Sequence[float], bounds: tuple[float, float]) -> list[Term]:
+        """A term of the shape for each constant, with these bounds of it."""
         return [Term(((driver, shape),), float(c), bounds) for c in constants]
 
     # A kink stays where there are settings on either side: at an edge it would fit a single one.

@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 Link = Literal["exponential", "linear"]
 
 CONSTANT = Term(())
-SOUGHT = "sought"  # id of the law while it is sought
-LEAST_FACTOR = 0.05  # of a linear link: a factor on a stiffness or a depth does not change sign
+SOUGHT = "sought"  # id of the law as an effect during the search
+LEAST_FACTOR = 0.05  # of a linear link: a factor on a stiffness or a depth keeps its sign
 _WIDE = 3.0  # prior deviation of ln factor: twenty times either way
-_FAR = 1e3  # prior deviations at which a strength is bounded: nowhere
+_FAR = 1e3  # bounds of a strength, in prior deviations: so far away that they do not matter
 
 
 @dataclass(frozen=True)
@@ -38,19 +38,22 @@ class Place:
 
     Attributes
     ----------
+    name
+        Its name; several places may have one stage.
     stage
-        As in documents: k, z, z without resistance, n, D, R.
+        The quantity that is changed: k, n, D, sinkage z ("z", or "z without resistance" if the compaction
+        resistance keeps the unchanged sinkage), or resistance R.
     method, returned, more
         In Python: the signature of the effect's method there; what it returns, with `{change}` in place of
         the change; further lines of the class.
     added
         Whether the change is added; else it is a factor.
     carrier
-        What a strength multiplies, for people.
+        Symbol of the quantity that the change of R multiplies, for people; empty if it is added as a force.
     unit
-        Unit of the strength.
+        SI unit of a strength.
     nats
-        Nats that the place costs beyond others, as the rarer explanation.
+        Nats by which a law at this place is longer to describe, as the rarer explanation.
     """
 
     name: str
@@ -65,7 +68,7 @@ class Place:
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """The ways in which terms can form its change."""
+        """Ways to form the change from the sum s of the terms: factor exp(s) or 1 + s; one if s is added."""
         return ("exponential",) if self.added else ("exponential", "linear")
 
 
@@ -100,7 +103,7 @@ PLACES = (
 
 
 def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
-    """The places whose actions can be distinguished by measurements of these channels."""
+    """The places that measurements of these channels can tell from each other."""
     if "resistance" not in channels:
         return tuple(p for p in PLACES if p.stage in ("k", "z", "n", "D"))
     if "sinkage" not in channels:
@@ -110,7 +113,18 @@ def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
 
 @dataclass(frozen=True)
 class LearntLaw:
-    """A correction of the model: where it acts, its one or two terms, and the link that forms it."""
+    """A correction of the model that is learnt: a sum of terms, each times a strength, at one place.
+
+    Attributes
+    ----------
+    place
+        Where in the model it acts.
+    link
+        How the sum s becomes a factor: "exponential" for exp(s), "linear" for 1 + s. It does not matter where
+        the place adds the sum.
+    terms
+        One or two terms of the grammar.
+    """
 
     place: Place
     link: Link
@@ -138,25 +152,25 @@ class LearntLaw:
 
     @property
     def weight(self) -> float:
-        """Its number of drivers, weighted; a constant counts as one."""
+        """Sum of its drivers' weights, at least 1."""
         return max(1.0, sum(d.weight for d in self.by_name.values()))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its numbers: strengths, then constants."""
+        """Names of its numbers: strengths a1, a2, then the free constants of shape, c1 for the first term."""
         strengths = [f"a{i}" for i in range(1, len(self.terms) + 1)]
         constants = [f"c{i}" for i, t in enumerate(self.terms, 1) if t.free]
         return (*strengths, *constants)
 
     def change(self, numbers: Mapping[str, Any], values: Callable[[Driver], Array]) -> Any:
-        """Compute the correction (a factor, or a sum that is added) for given values of the drivers.
+        """Compute the correction for given values of the drivers: a factor, or the sum if the place adds it.
 
         Parameters
         ----------
         numbers
-            a1, a2, ... and c1, c2, ..., by name.
+            Strengths and constants by name (`names`), SI units; numbers, or arrays that broadcast.
         values
-            Returns the values of a driver.
+            Returns the values of a driver minus its reference, SI; the result has their shape.
         """
         eta: Any = 0.0
         for i, term in enumerate(self.terms, 1):
@@ -169,7 +183,7 @@ class LearntLaw:
 
     @cached_property
     def python(self) -> str:
-        """Its methods, in the class of an effect whose fields are its parameters."""
+        """Python of its methods, to stand in the class of an effect that has its numbers as fields."""
         variables: dict[str, str] = {}
         for name, driver in self.by_name.items():
             taken = driver.variable in variables.values()  # two columns may read alike
@@ -188,7 +202,7 @@ class LearntLaw:
         return f"    def {self.place.method}:\n{body}{self.place.more}"
 
     def formula(self, numbers: Mapping[str, float]) -> str:
-        """The law for people, with its numbers."""
+        """The law as a formula for people, as "z = z0 exp(0.4 tanh(slip/0.215))". numbers: by name."""
         said = ""
         for i, term in enumerate(self.terms, 1):
             value, text = numbers[f"a{i}"], term.text(numbers.get(f"c{i}"))
@@ -205,14 +219,14 @@ class LearntLaw:
         return f"{name} = {name}0 {change}{kept}"
 
     def effect(self, numbers: Mapping[str, Any]) -> Effect:
-        """The law as an effect of a model; its numbers may differ from row to row."""
+        """The law as an effect of a model. numbers: by name, each a number or an array of shape (rows,)."""
         fields = "".join(f"    {name}: float = 0.0\n" for name in self.names)
         kind = _class_of(f'class Sought(Effect):\n    id = "{SOUGHT}"\n{fields}\n{self.python}')
         return with_values(kind(), numbers)
 
 
 def _after(total: str) -> str:
-    """A sum with the sign that joins it to what stands before it."""
+    """The sum with its sign set apart, to follow another term: "- 2 x" for "-2 x", "+ 2 x" for "2 x"."""
     return f"- {total[1:]}" if total.startswith("-") else f"+ {total}"
 
 
@@ -227,16 +241,16 @@ def _class_of(python: str) -> type[Effect]:
 
 
 def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
-    """Make an effect of a fit from a law, with all its parameters free.
+    """Make the part of a model by which a law is fitted, with all its strengths and constants free.
 
     Parameters
     ----------
     law
         The law to fit.
     numbers
-        Starting values by name, SI units.
+        Starting values of `law.names`, SI units; those beyond their bounds are clipped.
     size
-        Usual magnitude of the strength of each term, in the unit of the place.
+        Usual magnitude of each term's strength, SI, whose prior has mean 0 and three times that as deviation.
     """
     free = []
     for name in law.names:

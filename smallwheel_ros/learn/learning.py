@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_COMPARED = 6  # tied laws that the draft is told from
+_COMPARED = 6  # tied laws at most that the next measurements are to tell the draft from
 
 
 class LearnError(SmallwheelError):
@@ -46,16 +46,16 @@ class LearnError(SmallwheelError):
 
 @dataclass(frozen=True, repr=False)
 class Learnt(Result, shown="views.learnt"):
-    """The laws that were learnt.
+    """What was learnt: the answer, the laws if there are any, and the searches for them.
 
     Attributes
     ----------
     document
-        The content of the JSON.
+        The content of the JSON that `smallwheel learn --json` writes.
     source
-        Text of the Python file with the laws; None if there are none.
+        Text of the Python file that defines the laws as effects; None if there are none.
     sought
-        The searches; the last one has no law if there are fewer laws than requested.
+        The searches, one for each law; the last one has no law if there are fewer laws than requested.
     measurements
         The table.
     """
@@ -85,12 +85,12 @@ class Learnt(Result, shown="views.learnt"):
         return dict(plain(self.document))
 
     def rows(self) -> list[dict[str, Any]]:
-        """The formulas that fit, the best first."""
+        """The formulas that fit equally well, best first: formula, stage, drivers, nats above the best."""
         return [{**t, "drivers": ", ".join(t["drivers"])} for t in self.document["tied"]]
 
     @property
     def tied_curves(self) -> list[Array] | None:
-        """Laws that fit as well, over the document's `shape`; None if there are none to draw."""
+        """Curves of the other tied laws at `x` of the document's `shape`, (x,) each; None without it."""
         problem, best = self.sought[0].problem, self.sought[0].best
         shape = shape_of(problem.fitter, best) if problem and best else None
         return shape and shape[1]
@@ -113,7 +113,7 @@ class Learnt(Result, shown="views.learnt"):
 def learnt(
     start: Start, name: str | None = None, most: int = 1, progress: Progress = unheard
 ) -> Learnt:
-    """Learn laws that a model lacks from measurements, as far as they show any.
+    """Learn from measurements the laws that a model lacks, if there is evidence for any.
 
     Parameters
     ----------
@@ -123,14 +123,14 @@ def learnt(
         Id of the law, with `_2` added for a second one. If None, it is made from the settings on which the
         law depends.
     most
-        How many laws to learn, each with those before it in the model.
+        Largest number of laws to learn, each with those before it in the model.
     progress
         Called with each step in words, the number done, and the number in all (0: unknown).
 
     Raises
     ------
     LearnError
-        If the name cannot be an id, or `most` is out of range.
+        If the name cannot be an id or is taken, or `most` is under 1.
     """
     measurements, known, without, base = (
         start.measurements,
@@ -184,7 +184,7 @@ def _id(sought: Sought, name: str | None, number: int, registry: Registry) -> st
 
 
 def _as_loaded(written: str, id: str) -> EffectPart:
-    """The law as whoever loads its file gets it."""
+    """The law as an effect that is loaded from its file. written: text of its class."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "law.py"
         path.write_text(file_text([written]))
@@ -194,7 +194,7 @@ def _as_loaded(written: str, id: str) -> EffectPart:
 def _measure_next(
     fitter: Fitter, draft: LawCandidate, tied: Sequence[LawCandidate], limits: Limits
 ) -> dict[str, Any] | None:
-    """The runs that tell the draft from a tied law best; None where none would."""
+    """The proposal of runs that best tells the draft from a tied law; None if there is none."""
     runs, made = Runs.of(fitter.points, limits), list[Proposal]()
     for other in [c for c in tied if c.law.key != draft.law.key][:_COMPARED]:
         names = draft.law.formula(draft.numbers), other.law.formula(other.numbers)
@@ -208,7 +208,7 @@ def _measure_next(
 def _published(
     problem: Problem, law: LawCandidate, registry: Registry, without: Collection[str]
 ) -> list[str]:
-    """Published effects of the same settings that fit as well as the draft, in words."""
+    """Notes, one for each published effect of the same settings that fits as well as the draft."""
     fitter, base = problem.fitter, problem.fit.vector
     yardstick = Yardstick(fitter, law.fit)
     observed, conditions = fitter.points.value, fitter.points.conditions

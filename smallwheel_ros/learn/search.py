@@ -30,9 +30,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 T = TypeVar("T")
 
-_LOOKED_THROUGH = 250  # terms of a place, for the best of each set of drivers
+_LOOKED_THROUGH = 250  # best terms of a place, of which the best of each set of drivers is kept
 _SECONDS = 3  # second terms that are fitted for a law
-_WINDOW = 4.0 * TIE  # nats: what a tangent says is further behind is not refitted
+_WINDOW = 4.0 * TIE  # nats: a law expected to be worse than the best by more is not fitted
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,14 @@ class TermGrid:
 
     Attributes
     ----------
+    drivers, terms, places
+        Drivers that vary, all terms of them, and the places where these channels can show a law.
     sinkage
-        Sinkage by the base model, m, shape (points,).
+        Sinkage predicted by the model without the law, m, shape (points,).
     values
-        Values of each term, shape (points, terms).
+        Values of each term, SI, shape (points, terms).
     notes
-        Why some settings are not drivers.
+        Sentences on why some settings are not drivers.
     """
 
     drivers: tuple[Driver, ...]
@@ -58,14 +60,14 @@ class TermGrid:
 
     @classmethod
     def of(cls, points: Points, base: Model) -> TermGrid:
-        """Evaluate the grammar at points.
+        """Evaluate all terms of the grammar at the points of a table.
 
         Parameters
         ----------
         points
             The points of the fit.
         base
-            The model without the law.
+            The fitted model without the law, which predicts the sinkage.
         """
         depth = predict(base, points.conditions).true_sinkage
         drivers, notes = drivers_of(points, depth)
@@ -84,13 +86,25 @@ class TermGrid:
         return np.flatnonzero([bool(t.factors) and not t.of_depth for t in self.terms])
 
     def allowed(self, place: Place) -> Index:
-        """The terms allowed at a place; a constant, and terms of the depth, only at R."""
+        """Indices of the terms allowed at a place; the constant, and terms of the depth, only at stage R."""
         return np.arange(len(self.terms)) if place.stage == "R" else self._before_depth
 
 
 @dataclass(frozen=True)
 class LawCandidate:
-    """A fitted law; `cost` is the nats of its description, `score` adds those of its errors."""
+    """A law that was fitted in the model.
+
+    Attributes
+    ----------
+    law
+        The law; its `terms` have the constants from before the fit (`numbers` has the fitted ones).
+    fit
+        Fit of the model with the law.
+    cost
+        Length of the law's description, nats.
+    score
+        `cost` plus n/2 ln det S of the fit's errors (`Yardstick.score`), nats: the lower, the better.
+    """
 
     law: LearntLaw
     fit: Fit
@@ -99,14 +113,22 @@ class LawCandidate:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Its strengths and constants."""
+        """Its fitted strengths and constants by name, SI units."""
         places = self.fit.vector.places(SOUGHT)
         return {self.fit.vector.free[j].field: float(self.fit.theta[j]) for j in places}
 
 
 @dataclass(frozen=True)
 class Found:
-    """The fit of the base model, and the tied laws, best first; no laws if none shortens the description."""
+    """Result of one search.
+
+    Attributes
+    ----------
+    base
+        Fit of the model without a law.
+    tied
+        Laws within `TIE` nats of the best, which comes first; empty if no law has a better score than none.
+    """
 
     base: Fit
     tied: tuple[LawCandidate, ...]
@@ -126,20 +148,20 @@ class Found:
 
 @dataclass(frozen=True)
 class LawProposal:
-    """A law suggested by the tangent, not yet fitted.
+    """A law that has not been fitted yet, with the score that linearised predictions give it.
 
     Attributes
     ----------
     law
         The law.
     numbers
-        Numbers from which its fit starts, by name, SI units.
+        Strengths and constants from which its fit starts, by name, SI units.
     cost
-        Nats of its description.
+        Length of its description, nats.
     expected
-        Its score by the tangent, nats.
+        Its score (`LawCandidate.score`) by predictions that are linearised about `near`, nats.
     near
-        The fit at which the tangent is taken.
+        The fit about which they are linearised.
     """
 
     law: LearntLaw
@@ -151,18 +173,18 @@ class LawProposal:
 
 @dataclass(frozen=True)
 class Site:
-    """A place, a link and the tangent of a fit, by which terms are searched for.
+    """A place in the model and a fit whose predictions are linearised there, to rank all terms at once.
 
     Attributes
     ----------
     place, link
-        Where the terms act, and how they form the change.
+        Where the terms act, and how their sum becomes the change.
     near
-        The fit at which the tangent is taken.
+        The fit about which predictions are linearised.
     slope
         Derivative of the predictions with respect to the sum of the terms, shape (values,).
     tangent
-        The tangent.
+        Errors of that fit, from which the gain of each term follows.
     """
 
     place: Place
@@ -174,18 +196,20 @@ class Site:
 
 @dataclass(frozen=True)
 class Effort:
-    """How many laws are refitted.
+    """Number of laws that each step of a search fits.
 
     Attributes
     ----------
     first
-        Number of laws that are refitted first, from the base's tangent.
-    again, forms
-        Number of places that each round searches further, and of forms that are refitted at each.
+        Laws with the best expected score about the model without a law, which are fitted first.
+    again
+        For each further round, the number of fitted laws about which predictions are linearised again.
+    forms
+        Laws that are fitted for each of these and each link.
     seconds
-        Number of laws that get a second term.
+        Laws that are tried with a second term.
     anew
-        Number of laws that are refitted once the scatter is estimated; the others only get a new score.
+        Laws that are fitted again once the scatter is estimated; the others only get a new score.
     """
 
     first: int
@@ -199,14 +223,14 @@ WHOLE, FOLD = Effort(24, (8, 4), 5, 10, 12), Effort(12, (4, 1), 4, 4, 6)
 
 
 def first_of_each(items: Iterable[T], key: Callable[[T], Hashable]) -> Iterator[T]:
-    """The first item of each kind, in their order.
+    """Yield the first item of each kind, in order.
 
     Parameters
     ----------
     items
         Items of several kinds.
     key
-        Gives an item's kind.
+        Returns the kind of an item.
     """
     seen: set[Hashable] = set()
     for item in items:
@@ -221,16 +245,16 @@ def _kind(proposal: LawProposal) -> Hashable:
 
 
 class LawSearch:
-    """Searches one set of points for a law.
+    """Search for one law that a model lacks at one set of points.
 
     Parameters
     ----------
     fitter
         Fitter of the points.
     base
-        The model without the law, fitted to them.
+        Fit of the model without the law to these points.
     grid
-        The grammar at these points.
+        All terms of the grammar, evaluated at these points.
     """
 
     def __init__(self, fitter: Fitter, base: Fit, grid: TermGrid) -> None:
@@ -242,7 +266,7 @@ class LawSearch:
         self._known: dict[Hashable, LawCandidate] = {}
 
     def run(self, effort: Effort) -> Found:
-        """Search, refit, search again around the best laws, and try a second term."""
+        """Rank and fit laws, linearise again about the best, try second terms; return the tied laws."""
         chosen = self._from_base(effort.first)
         self._fit(chosen, len(chosen))
         for places in effort.again:
@@ -263,14 +287,16 @@ class LawSearch:
     # --- What a tangent proposes
 
     def slope(self, fit: Fit, place: Place) -> Array:
-        """Derivative of the predictions with respect to the place's ln factor or shift, shape (values,).
+        """Derivative of the predictions with respect to ln of the place's factor, or to its shift.
+
+        Shape (values,), in the unit of each value per unit of the place's strength.
 
         Parameters
         ----------
         fit
-            The fit at which it is taken.
+            The fit about which it is taken.
         place
-            The place in the model.
+            The place in the model where the factor or shift acts.
         """
         step = 1.0 if place.stage == "R" else 1e-4  # what is added in newtons is linear
         probe = part_for(LearntLaw(place, "exponential", (CONSTANT,)), {"a1": 0.0}, [1.0])
@@ -281,15 +307,15 @@ class LawSearch:
 
     @cached_property
     def base_slopes(self) -> Mapping[str, Array]:
-        """By place, the slope of the base's predictions by its ln factor or shift."""
+        """`slope` of the fit without a law, by name of the place."""
         return {p.name: self.slope(self.base, p) for p in self.grid.places}
 
     def values(self, terms: Index) -> Array:
-        """Values of terms at each point, shape (points, terms)."""
+        """Values at each fitted point of the terms with these indices, shape (points, terms)."""
         return np.asarray(self.grid.values[np.ix_(self.yardstick.rows, terms)])
 
     def _ranked(self, site: Site, terms: Index) -> Iterator[LawProposal]:
-        """Laws of one of these terms, the shortest first."""
+        """Yield a law for each of these terms at the site, the best expected score first."""
         gains, strength = site.tangent.gains(site.slope, self.values(terms))
         cost = self.grid.cost[terms] + (np.log(len(self.grid.places)) + site.place.nats)
         expected = site.tangent.nats[0] - gains[:, 0] + cost
@@ -300,7 +326,10 @@ class LawSearch:
             yield LawProposal(law, numbers, float(cost[i]), float(expected[i]), site.near)
 
     def _from_base(self, count: int) -> list[LawProposal]:
-        """The best of each place and set of drivers at the base's tangent."""
+        """The laws with the best expected scores about the base: one for each place and set of drivers.
+
+        count: number of laws; the best law of each place is added to them.
+        """
         white = self.yardstick.white(self.observed - self.base.predicted)
         tangent = Tangent(self.yardstick, white, self.base.slopes)
         best: list[LawProposal] = []
@@ -314,7 +343,11 @@ class LawSearch:
         return [p for i, p in enumerate(best) if i < count or id(p) in own]
 
     def _site(self, candidate: LawCandidate, link: Link, *, kept: bool = False) -> Site:
-        """About a candidate, its law taken out: another is to explain what it does. kept: left in."""
+        """Linearise about a candidate's fit.
+
+        kept: whether its law stays in the model and another is added; else the law is taken out of the errors
+        and another is to explain what it explains.
+        """
         fit, law = candidate.fit, candidate.law
         slope, sinkage = self.slope(fit, law.place), self.grid.sinkage
         conditions = self.fitter.points.conditions
@@ -332,16 +365,16 @@ class LawSearch:
         return Site(law.place, link, fit, slope, tangent)
 
     def _second(self, candidate: LawCandidate) -> Iterator[LawProposal]:
-        """The candidate with one more term of its driver, the shortest law first."""
+        """Yield the candidate's law with one more term of its driver, the best expected score first."""
         law, own = candidate.law, self._of_driver(candidate.law)
         others = own[[self.grid.terms[i].kind != law.terms[0].kind for i in own]]
         ranked = self._ranked(self._site(candidate, law.link, kept=True), others)
         return (self._joined(candidate, p, own) for p in ranked)
 
     def _two_sided(self, candidate: LawCandidate) -> list[LawProposal]:
-        """A term of the candidate's driver on each side of zero, in every pair of shapes.
+        """Laws of two terms of the candidate's driver, one for each side of zero, in every pair of shapes.
 
-        Driving and braking are different mechanisms: what one side asks for need not be among the best
+        Driving and braking are different mechanisms: the right shape of one side need not be among the best
         laws of the whole range.
         """
         own = self._of_driver(candidate.law)
@@ -358,7 +391,7 @@ class LawSearch:
         return sorted(pairs, key=lambda p: p.expected)
 
     def _of_driver(self, law: LearntLaw) -> Index:
-        """The terms that can be added to a law of one driver."""
+        """Indices of the terms that can be added to a law of one driver."""
         drivers = law.terms[0].drivers
         own = [i for i, t in enumerate(self.grid.terms) if t.drivers == drivers and not t.alone]
         return np.array(own, dtype=np.intp)
@@ -366,7 +399,7 @@ class LawSearch:
     def _joined(
         self, first: LawCandidate | LawProposal, second: LawProposal, own: Index
     ) -> LawProposal:
-        """A law with a second term, of the same place, driver and tangent. own: terms to choose from."""
+        """The first law with the term of the second added. own: indices of the terms that could be added."""
         (term,) = second.law.terms
         kinds = len({self.grid.terms[i].kind for i in own})
         half = 0.5 * float(np.log(self.yardstick.count))
@@ -378,7 +411,11 @@ class LawSearch:
     # --- Fits in the model
 
     def _fit(self, proposals: Iterable[LawProposal], count: int) -> None:
-        """Fit the first of these laws in the model, and keep each that is the best of its kind."""
+        """Fit the first `count` of these laws in the model, and keep the best fit of each `LearntLaw.key`.
+
+        Proposals come with the best expected score first: it stops at one that is over `_WINDOW` nats worse
+        than the best fit.
+        """
         best = min((c.score for c in self._known.values()), default=np.inf)
         for p in itertools.islice(proposals, count):
             if p.expected > best + _WINDOW:
@@ -402,7 +439,10 @@ class LawSearch:
             self._known[law.key] = LawCandidate(law, fit, cost, score)
 
     def _judge_anew(self, anew: int) -> None:
-        """Estimate the scatter with the best law in the model, and judge all by that."""
+        """Estimate the scatter with the best law in the model, and score all laws by it.
+
+        anew: number of laws that are fitted again.
+        """
         ordered = self._ordered()
         if not ordered:
             return
@@ -418,9 +458,9 @@ class LawSearch:
             self._known[old.law.key] = replace(old, score=score)
 
     def _two_terms(self, count: int) -> None:
-        """Give the best laws a second term of their driver; kept where that is `TIE` shorter.
+        """Try the best laws with a second term of their driver; keep those that score better by `TIE` nats.
 
-        Another driver would be another law: that is learnt when the first is in the model.
+        A term of another driver would be another law, which is learnt when the first is in the model.
         """
         one_term = self._ordered()
         ours = [c for c in one_term if len((t := c.law.terms[0]).factors) == 1 and not t.alone]
@@ -438,11 +478,11 @@ class LawSearch:
         return sorted(self._known.values(), key=lambda c: c.score)
 
     def _at_values(self, term: Term) -> Array:
-        """A term at each value, shape (values,)."""
+        """The term at each measured value, shape (values,)."""
         return term.at(self.fitter.points.conditions, self.grid.sinkage)[self._row]
 
     def _size(self, place: Place, term: Term) -> float:
-        """Strength at which a term moves what it moves by as much as was measured."""
+        """Strength at which a term changes predictions by about the size of the measured values."""
         moved = np.abs(self.base_slopes[place.name] * self._at_values(term) / self.observed)
         usual = float(np.sqrt(np.mean(moved[moved > 0.0] ** 2))) if moved.any() else 1.0
         return 1.0 / max(usual, 1e-12)

@@ -24,26 +24,33 @@ from smallwheel_ros.fitting.variance import Scatter
 Array = NDArray[np.float64]
 
 _LEFT = 0.02  # share of a term's effect that no soil parameter imitates, from which it is testable
-_FLOOR = 0.05  # of the repeats' variance: no law is praised for errors under what repeats differ by
+_FLOOR = 0.05  # of the variance of repeats, added to S: errors far below that gain nothing
 _UNTESTABLE = -1e6  # nats
-_ABSENT = -12.0  # ln of the deviation of a component that is not there
+_ABSENT = -12.0  # ln of the deviation of a component that is left out
 
 
 def without_lack_of_fit(scatter: Scatter) -> Scatter:
-    """The components without the law's lack of fit over settings, which is what the search looks for."""
+    """The scatter without its components of lack of fit over settings, which is what the search looks for."""
     kept = [not name.startswith("fit:") for name in scatter.names]
     return replace(scatter, log_deviation=np.where(kept, scatter.log_deviation, _ABSENT))
 
 
 class Yardstick:
-    """Whitens values by the covariance V of a fit, and scores errors.
+    """Whitens values by the covariance V of a fit, and scores errors in nats.
 
     V leaves out the lack of fit over settings, which would treat a missing law as scatter.
+
+    Parameters
+    ----------
+    fitter
+        Fitter of the points.
+    fit
+        The fit with whose scatter V is computed.
 
     Attributes
     ----------
     count
-        n, the number of points that have all channels.
+        n, the number of values over the number of channels.
     rows
         Row of the conditions of each point, shape (points,).
     """
@@ -65,39 +72,39 @@ class Yardstick:
         return self._v.whiten(values)
 
     def by_channel(self, columns: Array) -> Array:
-        """Columns (values, columns) by channel and point, 0 where nothing was measured."""
+        """Columns, shape (values, columns), as (channels, points, columns); 0 where nothing was measured."""
         found = np.zeros((*self._shape, columns.shape[1]))
         found[self._place] = columns
         return found
 
     def at_each_point(self, slope: Array) -> Array:
-        """Change of the whitened values by a unit change at one point, shape (values, points)."""
+        """The slope, shape (values,), as one column for each point, 0 in other rows: (values, points)."""
         found = np.zeros((slope.size, self.rows.size))
         found[np.arange(slope.size), self._place[1]] = slope
         return found
 
     def nats(self, products: Array) -> Array:
-        """n/2 ln det S from sums of products of errors, shape (..., channels, channels)."""
+        """n/2 ln det S, shape (...), from n S, sums of products of errors, (..., channels, channels)."""
         determinant = np.linalg.det(products / self.count + self._floor)
         return np.asarray(0.5 * self.count * np.log(np.maximum(determinant, 1e-300)))
 
     def score(self, error: Array) -> float:
-        """n/2 ln det S of errors, shape (values,)."""
+        """n/2 ln det S of errors that are not whitened yet, shape (values,)."""
         parts = self.by_channel(self.white(error)[:, None])[:, :, 0]
         return float(self.nats(parts @ parts.T))
 
 
 class Tangent:
-    """Errors about a fit, without the part that the fit's own parameters can absorb.
+    """Errors of a fit that is linearised, without the part that the fit's own parameters can absorb.
 
     Parameters
     ----------
     yardstick
         Whitens and scores.
     white_errors
-        Whitened errors, shape (values,), or (values, copies).
+        Whitened errors, shape (values,); or several copies, as permutations, (values, copies).
     slopes
-        Slopes of the predictions by the parameters, shape (values, parameters).
+        Derivatives of the predictions with respect to the parameters, shape (values, parameters).
     """
 
     def __init__(self, yardstick: Yardstick, white_errors: Array, slopes: Array) -> None:
@@ -120,16 +127,22 @@ class Tangent:
         return self._yardstick.nats(self._products)
 
     def gains(self, slope: Array, terms: Array) -> tuple[Array, Array]:
-        """Compute the gain (nats) and the strength of each term, each of shape (terms, copies).
+        """Compute for each term by how many nats it would lower the score, and with which strength.
 
-        A term moves each point by its value there, so one set of matrices over points serves all terms.
+        A term changes the prediction of each point by its value there, so one set of matrices over points
+        serves all terms.
 
         Parameters
         ----------
         slope
-            Slope of the predictions by the sum of the terms, shape (values,).
+            Derivative of the predictions with respect to the sum of the terms, shape (values,).
         terms
-            Their values, shape (points, terms).
+            Values of the terms, shape (points, terms).
+
+        Returns
+        -------
+        gain, strength : ndarray
+            Shape (terms, copies) each. The gain is -1e6 for a term that the fit's own parameters can imitate.
         """
         each = self._yardstick.white(self._yardstick.at_each_point(slope))
         moved = self._yardstick.by_channel(self._rest(each))

@@ -44,12 +44,12 @@ Progress = Callable[[str, int, int], object]
 
 PERMUTATIONS = 199
 SURE = 0.02  # p of a draft
-_LOOKED_AT = 0.05  # p up to which held-out errors are worked out at all
-VAULT_FROM = 40  # settings from which some are kept apart from everything
+_LOOKED_AT = 0.05  # p up to which held-out errors are computed at all
+VAULT_FROM = 40  # settings from which some are kept apart from search and folds
 _FEWEST_SETTINGS = 10
 _FOLDS = 8
 _ONE_BY_ONE = 20  # settings up to which each is left out alone
-_VAULT_SHARE = 5  # one in so many of them
+_VAULT_SHARE = 5  # one setting in so many is kept apart
 _LEAST_FALL = 0.05  # of the held-out error
 _LEAST_Z = 1.28  # standard errors of the held-out gain: one in ten by chance
 _MAJORITY = 0.5  # of the folds
@@ -58,18 +58,20 @@ _STUDENT = 4.0  # degrees of freedom of the loss: one bad extrapolation does not
 
 @dataclass(frozen=True)
 class JudgedLaw:
-    """The best law, fitted to all points, and how it predicts settings that its search did not see.
+    """The best law, fitted to all points, and its errors on settings that the search did not see.
 
     Attributes
     ----------
+    law
+        The law to draft: of the tied laws the one with the fewest drivers, then the shortest formula.
     tied
-        All laws that fit equally well, the best first.
+        All laws that fit equally well (within `TIE` nats), the best first.
     errors
-        Held-out errors of the base model and of the folds' laws.
+        Held-out errors of the base model, and of the models with the folds' laws.
     laws
         The law that each fold chose; None where it chose none.
     vault
-        Number of settings that were kept apart.
+        Number of settings that were kept apart from search and folds; 0 in a small table.
     """
 
     law: LawCandidate
@@ -86,13 +88,15 @@ class Sought:
     Attributes
     ----------
     verdict
-        law, unstable, weak, nothing or refused.
+        `law` if one is drafted; `unstable` if most folds chose other drivers or the law fails on settings
+        kept apart; `weak` if the evidence is too little; `nothing` if no law gains more than chance would;
+        `refused` if the data cannot show a law.
     reasons
-        Why, in sentences.
+        Sentences on why it is not `law`; empty if it is.
     problem
-        All points, and the base model without the law.
+        All points, and the base model without the law; None if it could not be fitted.
     grid
-        The grammar at the points.
+        The grammar at the points; None if the search ended before it.
     p
         p value of the permutations; None if the search ended before them.
     best
@@ -172,10 +176,10 @@ def seek(
 
 
 def _by_trial(measurements: Measurements) -> Measurements:
-    """The table with each of its trials as a run of its own, where it numbers trials.
+    """The table with each row as a run if it has a column `trial`; else unchanged.
 
-    Trials are made on soil prepared anew, so rows of one run that are trials are no repeats on one
-    soil. Curves keep their runs: rows along a curve are no trials.
+    Trials are made on soil prepared anew, so trials under one name of a run are no repeats on one soil. A
+    table with curves keeps its runs: rows along a curve are no trials.
     """
     if "trial" not in measurements.conditions.covariates or points_of(measurements).swept.any():
         return measurements
@@ -186,9 +190,13 @@ def _by_trial(measurements: Measurements) -> Measurements:
 def _refitted(
     fitter: Fitter, draft: LawCandidate, tied: Sequence[LawCandidate]
 ) -> tuple[LawCandidate, tuple[LawCandidate, ...]]:
-    """The draft, fitted to all points with the scatter, and the tied laws under that scatter."""
+    """Fit the draft and its scatter to all points, and the tied laws with that scatter.
+
+    Returns both; a tied law whose fit fails is left out.
+    """
 
     def fitted(candidate: LawCandidate, scatter: Scatter, **how: int) -> LawCandidate:
+        """The law fitted to all points, beginning with this scatter. how: for `Fitter.fit`."""
         start = fitter.at(candidate.fit.vector, candidate.fit.theta, scatter)
         return replace(candidate, fit=fitter.fit(start, **how))
 
@@ -199,11 +207,11 @@ def _refitted(
     return law, tuple(made)
 
 
-# --- What no law can be learnt of, in words
+# --- Why no law can be learnt, in words
 
 
 def too_little(points: Points) -> str:
-    """Which settings and runs are lacking; empty if there are enough."""
+    """Words for the lack of settings or runs; empty if there are enough."""
     settings = settings_in(points)
     if settings == 1:
         return "every run has the same setting: a law needs something that was varied"
@@ -218,13 +226,13 @@ def too_little(points: Points) -> str:
 
 
 def settings_in(points: Points) -> int:
-    """Number of settings among the rows used."""
+    """Number of settings among the rows that the points are made from."""
     used = np.concatenate(points.rows)
     return int(np.unique(settings_of_rows(points.measurements)[used]).size)
 
 
 def nothing_to_follow(grid: TermGrid) -> str:
-    """Why no setting can drive a law; empty if one can."""
+    """Words on why no setting can drive a law; empty if one can."""
     settings = [d for d in grid.drivers if d.columns]
     if any(d.levels >= FEWEST_LEVELS for d in settings):
         return ""
@@ -233,7 +241,9 @@ def nothing_to_follow(grid: TermGrid) -> str:
 
 
 def cannot_be_told(law: LearntLaw, measurements: Measurements) -> str:
-    """Explain why the missing effect may not be this law, though it fits best; empty without such a reason.
+    """Words on why this table cannot decide for a law, though it fits best; empty if it can.
+
+    It cannot if a column with blank cells may be what is missing, or if a driver has only two values.
 
     Parameters
     ----------
@@ -263,19 +273,19 @@ def _values(driver: Driver) -> str:
 
 
 def chance(search: LawSearch, permutations: int, rng: np.random.Generator) -> float:
-    """Compute the p value of the best gain by permutations.
+    """Compute by permutations the p value of the best gain of any term, between 1/(permutations + 1) and 1.
 
-    The statistic is the gain of the best term of the whole grammar at the base's tangent, minus the
-    nats of its description.
+    The statistic is the gain of the best term of the whole grammar, by predictions linearised about the fit
+    without a law, minus the nats of the term's description.
 
     Parameters
     ----------
     search
         A search that has not been run yet.
     permutations
-        Number of permutations.
+        Number of permutations of the errors.
     rng
-        Random numbers for them.
+        Generator that draws them.
     """
     white = search.yardstick.white(search.observed - search.base.predicted)
     copies = np.column_stack([white, _permuted(white, search.fitter.points, permutations, rng)])
@@ -314,10 +324,10 @@ def _permuted(white: Array, points: Points, count: int, rng: np.random.Generator
 
 
 def setting_of(points: Points) -> Index:
-    """Code of the setting at each value, shape (values,).
+    """Number of the setting of each value, shape (values,).
 
-    Settings count if they were varied on their own: a load that follows slip does not make two settings
-    of one slip, and runs of one slip stay together.
+    Only columns that vary independently count: a load that follows slip does not make two settings of one
+    slip, and runs of one slip stay together.
     """
     codes = [
         cluster(np.log(c), LOAD_TOLERANCE) if n == "load" else cluster(c, OF_RANGE * float(np.ptp(c)))
@@ -329,9 +339,9 @@ def setting_of(points: Points) -> Index:
 
 
 def vault_of(points: Points, seed: int) -> NDArray[np.bool_]:
-    """Choose the values that are kept from both search and folds, a mask of shape (values,).
+    """Choose the values that neither search nor folds see: those of a fifth of the settings, drawn at random.
 
-    A table of fewer than `VAULT_FROM` settings keeps none apart.
+    Returns a mask, shape (values,). It is all False with fewer than `VAULT_FROM` settings.
 
     Parameters
     ----------
@@ -351,21 +361,25 @@ def vault_of(points: Points, seed: int) -> NDArray[np.bool_]:
 def left_out(
     fitter: Fitter, base: Fit, grid: TermGrid, seed: int, done: Callable[[], object]
 ) -> tuple[list[CvErrors], list[LearntLaw | None]]:
-    """Leave whole settings out in turn and search again without them.
-
-    Returns the held-out errors of the base model and of the folds' laws, and the laws, None where a fold
-    chose none.
+    """Cross-validate over settings: leave whole settings out in turn, and repeat the search without them.
 
     Parameters
     ----------
     fitter, base
-        The base model fitted to all points, and its fitter.
+        Fitter of the points, and the fit of the model without a law to all of them.
     grid
         The grammar at these points.
     seed
-        Seed of the folds.
+        Seed by which settings are dealt into folds.
     done
         Called after each fold.
+
+    Returns
+    -------
+    errors : list of CvErrors
+        Held-out errors of the model without a law, and of the models with the folds' laws.
+    laws : list
+        The law that each fold chose; None where it chose none.
     """
     points = fitter.points
     settings, code = np.unique(setting_of(points), return_inverse=True)
@@ -389,18 +403,23 @@ def left_out(
 def with_vault(
     errors: Sequence[CvErrors], vault: Points, models: Sequence[Model]
 ) -> tuple[list[CvErrors], bool]:
-    """Replace the folds' errors by errors on the points kept apart, where there are any.
-
-    Also returns whether the law predicts these points no worse than the base model in at least one channel.
+    """Test a law on the settings that were kept apart from the search (`vault_of`).
 
     Parameters
     ----------
     errors
-        Held-out errors of the base and of the law, from the folds.
+        Held-out errors from the folds, of the model without the law and of that with it.
     vault
-        The points that were kept apart (`vault_of`).
+        The points that were kept apart.
     models
-        The base and the law.
+        These two models, fitted to the other points.
+
+    Returns
+    -------
+    errors : list of CvErrors
+        The same with the errors on the rows of `vault` filled in.
+    better : bool
+        Whether the rms error on `vault` is no larger with the law in at least one channel.
     """
     seen = [in_sample(vault, model) for model in models]
     before, after = (one.rmse() for one in seen)
@@ -435,18 +454,25 @@ def judge(
     fitter: Fitter,
     draft: LawCandidate,
 ) -> tuple[str, tuple[str, ...]]:
-    """Decide the verdict, and list the evidence against the law in sentences.
+    """Decide from p value, held-out errors and folds whether a law is drafted.
 
     Parameters
     ----------
     p
         p value of the permutations, 0 to 1.
     errors, laws
-        Held-out errors of the base and of the folds' laws, and these laws.
+        As returned by `left_out`.
     fitter
         Fitter that fitted the draft.
     draft
-        The law fitted to all points; errors are judged by its scatter.
+        The law chosen from all points of the search; errors are whitened by its scatter.
+
+    Returns
+    -------
+    verdict : str
+        law, unstable or weak (`Sought.verdict`).
+    reasons : tuple of str
+        The evidence against the law, in sentences; empty for `law`.
     """
     fall, z = _gain(errors, fitter, draft.fit)
     against = []
@@ -465,7 +491,11 @@ def judge(
 
 
 def _gain(errors: Sequence[CvErrors], fitter: Fitter, fit: Fit) -> tuple[float, float]:
-    """Relative fall of the whitened rms, and the settings' mean gain over its standard error."""
+    """Relative fall of the held-out error by the law, and the mean gain of a setting over its standard error.
+
+    The fall is that of the whitened rms, with large errors limited; the gain is that in log likelihood of
+    Student's distribution. Both are positive if the law helps.
+    """
     points, yardstick = fitter.points, Yardstick(fitter, fit)
     white = np.array([_by_point(yardstick, points, e.error) for e in errors])
     row = np.unique(points.row, return_index=True)[1]
@@ -479,7 +509,7 @@ def _gain(errors: Sequence[CvErrors], fitter: Fitter, fit: Fit) -> tuple[float, 
 
 
 def _by_point(yardstick: Yardstick, points: Points, errors: Mapping[str, Array]) -> Array:
-    """Whitened errors of the points, shape (channels, points)."""
+    """Whitened mean errors of the points, shape (channels, points). errors: by channel, shape (rows,)."""
     names = [points.channels[c] for c in points.channel]
     mean = np.array(
         [np.mean(errors[name][rows]) for name, rows in zip(names, points.rows, strict=True)]

@@ -41,22 +41,29 @@ Cell = str | float  # a text file has texts only; "" is blank
 
 @dataclass
 class CellGrid:
-    """The rows of a table as in a file or a data frame, with the header among them or above.
+    """The cells of a file, of one sheet of a workbook, or of a data frame, before a table is looked for.
 
     Attributes
     ----------
+    rows
+        The cells of each row; rows may differ in length, and one of them may be the header.
     numbers
-        Each row's number in the file: its line or row.
+        Each row's number in the file, from 1.
     place
-        "line" for a text file, "row" for any other.
+        What `numbers` count, for messages: "line" of a text file, "row" of any other, "column" of a table
+        that was transposed.
     header
-        Column names, where the file keeps them apart from its rows.
+        Column names, where the file keeps them apart from its rows; else None.
     comma
-        Whether a comma can only be a decimal mark.
+        Whether commas do not separate cells in this file: an ambiguous 1,234 is then a decimal number.
+    said
+        Sentences for the user about how the file was read.
+    source, sha256
+        Path of the file, and the hash of its content.
     merged
-        Ranges within a column whose first cell stands for all: column from 0, first and last row.
+        Merged cells within one column, whose first cell stands for all: column from 0, first and last row.
     sheet
-        Its name in a workbook.
+        Name of the sheet; empty if the file is no workbook.
     shares
         Whether the file keeps percentages as plain fractions, so that they cannot be recognised.
     """
@@ -93,7 +100,7 @@ def is_blank(cell: Cell) -> bool:
 
 
 def cell_of(value: Any) -> Cell:
-    """A value of another library as a cell: a number, or the text of anything else."""
+    """Convert a value that another library has read to a cell: a number, or the text of anything else."""
     number = isinstance(value, (int, float, np.integer, np.floating))
     return (
         float(value) if number and not isinstance(value, (bool, np.bool_)) else str(value).strip()
@@ -117,10 +124,10 @@ _PLAIN = str.maketrans(dict.fromkeys("−‒–", "-") | dict.fromkeys("\u00a0\u
 
 
 class _Spelling(NamedTuple):
-    """A text that is a number.
+    """A text that is a number, and the marks in it.
 
-    kind: the decimal mark that it shows: ".", ",", "" for none, "?." or "?," for one of two.
-    sep: the mark of thousands.
+    kind: its decimal mark, "." or ","; "" if it has none; "?." or "?," if that mark may be one of thousands.
+    sep: the mark of thousands; None if it has none.
     """
 
     text: str
@@ -130,20 +137,20 @@ class _Spelling(NamedTuple):
 
 @dataclass
 class Numbers:
-    """A column as numbers.
+    """The cells of one column, read as numbers. Arrays have shape (rows,).
 
     Attributes
     ----------
     values
-        NaN where blank or not a number.
+        The numbers, in the column's own unit; NaN where the cell is blank or not a number.
     blank
-        Where nothing was measured.
+        Whether the cell is empty, or has a text that means it.
     percent
-        Which cells were shown in per cent.
+        Whether the cell is in per cent; its value is then a fraction, 0.2 for 20 %.
     faults
-        By row, why the cell is not a number; empty for a plain text.
+        Why a cell is not a number, by index of the row; an empty reason for a plain text.
     missing
-        Texts that mean blank.
+        The texts in this column that mean a blank cell, as n/a.
     comma
         Whether decimal commas were read.
     """
@@ -157,14 +164,15 @@ class Numbers:
 
 
 def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers]:
-    """Convert the cells of all columns of a table to numbers.
+    """Read the cells of all columns of a table as numbers; one result for each column.
 
     Parameters
     ----------
     columns
         Cells of each column; all columns have the same length.
     comma
-        Whether a comma can only be a decimal mark.
+        Whether commas do not separate cells: where no cell decides, 1,234 is then a decimal number. Without
+        it such a cell is a fault.
     """
     # the texts of each column, as one, in which a sign is looked for quickly
     joined = ["".join([c for c in cells if isinstance(c, str)]) for cells in columns]
@@ -186,7 +194,7 @@ def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers
 
 
 def _quick(cells: Sequence[Cell], texts: str, mark: str) -> Numbers | None:
-    """A column of nothing but finite numbers with that decimal mark, many times quicker; else None."""
+    """Read a column of nothing but finite numbers with that decimal mark, many times quicker; else None."""
     if not texts.isascii() or "_" in texts or (mark == "," and "." in texts):
         return None  # Python takes 1_000 and ٣ for numbers, which they are not
     if mark == ",":
@@ -204,7 +212,7 @@ def _quick(cells: Sequence[Cell], texts: str, mark: str) -> Numbers | None:
 
 
 def _column(cells: Sequence[Cell], texts: str, marks: set[str]) -> Numbers:
-    """The numbers of a column; texts: of its cells, as one. marks: the decimal marks by which it is read."""
+    """Read one column. texts: the texts of its cells, joined. marks: the decimal marks that it may have."""
     if len(marks) == 1 and (plain := _quick(cells, texts, *marks)) is not None:
         return plain
     size = len(cells)

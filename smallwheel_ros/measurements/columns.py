@@ -49,15 +49,19 @@ class ColumnSpec:
 
     Attributes
     ----------
+    description
+        What it is, in words.
+    unit
+        SI unit: "1" for a pure number, empty if any unit will do.
     low, high
-        Limits, both allowed.
+        Smallest and largest allowed value, in that unit.
     usual
         Range beyond which a value is suspicious for a small wheel.
     same
         Two values that differ by no more than this, in SI, are one setting, however narrow the range of
         the column (`settings.settings_of_rows`).
     hint
-        Printed with a refused value.
+        Text that is printed with a refused value.
     """
 
     description: str
@@ -69,13 +73,13 @@ class ColumnSpec:
     hint: str = ""
 
     def bad(self, values: Array) -> Mask:
-        """Values outside the range, infinities too; NaN is not outside."""
+        """Whether each value is outside the range, as infinities are and NaN is not; shape of `values`."""
         low = self.low - _ROUNDING * abs(self.low)
         high = self.high + _ROUNDING * abs(self.high)
         return np.asarray((values < low) | (values > high))
 
     def expected(self) -> str:
-        """Say the range in words."""
+        """The allowed range in words, as "0 to 20 m"."""
         unit = "" if self.unit in ("", DIMENSIONLESS) else f" {self.unit}"
         return f"{_limit(self.low)} to {_limit(self.high)}{unit}"
 
@@ -193,7 +197,7 @@ def is_response(name: str, unit: str = "") -> bool:
     name
         Name of the column.
     unit
-        The SI unit that it is held in, "" where the table gives none.
+        SI unit of its values; "" if the table gives none.
     """
     if name in COLUMNS:
         return name in CHANNELS
@@ -305,15 +309,16 @@ _COMMON = {unit.lower(): unit for unit in WORDS["units"].split()}
 
 @lru_cache(maxsize=1000)
 def spelled(text: str, expected: str | None) -> str | None:
-    """The unit that a text names, as `to_base` takes it; None where it names none.
+    """The unit that a text names, in a spelling that `to_base` takes; None if it names none.
 
     Parameters
     ----------
     text
-        As it was typed.
+        A unit as people write it.
     expected
         The SI unit of the column; None for any. Where that is a force or a pressure, a mass is read as its
-        weight under the standard gravity (`physics.wheel.GRAVITY`).
+        weight under the standard gravity (`physics.wheel.GRAVITY`). A unit of another dimension is returned,
+        too: `fits` tells.
     """
     text = " ".join(text.split())
     plain = _plain(text)
@@ -337,35 +342,35 @@ def spelled(text: str, expected: str | None) -> str | None:
 
 
 def is_mass(unit: str | None) -> bool:
-    """Whether a unit states a force as the mass with that weight (`spelled`)."""
+    """Whether a unit, as `spelled` returns it, is that of a mass taken as its weight; False for None."""
     return unit is not None and unit.endswith(_STANDARD_WEIGHT)
 
 
 def weight_under(weight: Array, gravity: Array | float) -> Array:
-    """Weight (N) of masses under a gravity that is not the standard one.
+    """Weight (N) of masses under another gravity than the standard one, shape (rows,).
 
     Parameters
     ----------
     weight
         Their weight under the standard gravity, N, shape (rows,).
     gravity
-        Acceleration of gravity where they were used, m/s^2, one for all or shape (rows,).
+        Acceleration of gravity of the test, m/s^2, one for all or shape (rows,).
     """
     return np.asarray(weight * (gravity / GRAVITY))
 
 
 def shown_unit(unit: str | None) -> str:
-    """The unit as shown to people, empty for a pure number or none; a mass for a weight given as mass."""
+    """The unit as shown to people: "" for a pure number or None; "kg" where a mass stands for its weight."""
     return "" if unit in (None, DIMENSIONLESS) else str(unit).replace(_STANDARD_WEIGHT, "")
 
 
 def fits(unit: str, expected: str) -> bool:
-    """Whether two units have the same dimension.
+    """Whether two units have the same dimension. Raises UnitsError if one does not exist.
 
     Parameters
     ----------
     unit
-        As it was typed.
+        A unit as `spelled` returns it.
     expected
         The SI unit.
     """
@@ -398,21 +403,21 @@ def _base(unit: pint.Unit) -> str:
 
 
 def to_base(values: Array, unit: str, expected: str | None = None) -> Array:
-    """Values in base SI units; angles in rad.
+    """Convert values to base SI units, angles to rad; the shape is that of `values`.
 
     Parameters
     ----------
     values
         In `unit`, any shape.
     unit
-        As it was typed.
+        A unit as `spelled` returns it.
     expected
-        The SI unit that the column is held in (m, N, m/s, rad, 1), or None for any.
+        The SI unit that the column must have (m, N, m/s, rad, 1), or None for any.
 
     Raises
     ------
     UnitsError
-        Where the unit does not exist or its dimension is not that of `expected`.
+        If the unit does not exist, has another dimension than `expected`, or is no plain factor (a decibel).
     """
     parsed = _unit(unit)
     if expected is not None and not fits(unit, expected):

@@ -20,16 +20,16 @@ from smallwheel_ros.measurements.settings import set_columns
 from smallwheel_ros.physics.conditions import Array
 
 _SCATTER = 0.02  # of a reading: runs in soil that was prepared anew differ by 3 to 10 %
-_CHANCE = 1e-3  # that chance alone makes so many runs equal
+_CHANCE = 1e-3  # probability that chance alone makes so many runs equal
 _MANY = 10  # different values, whose smallest step is that of the gauge
 _MOST_DECIMALS = 10
 _EXACT = 1e-9  # of the largest value: less is the rounding of a unit's conversion
 
 
 def without_copies(data: Measurements) -> tuple[Measurements, str]:
-    """Keep the first of runs that are copies of each other.
+    """Keep only the first of runs that are copies of each other.
 
-    Returns the table, and a sentence about the rows left out; empty if there are none.
+    Returns the table, and a sentence about the rows that were left out; empty if none were.
     """
     rows = _stretches(data)
     settings, readings = _columns(data)
@@ -57,13 +57,13 @@ def without_copies(data: Measurements) -> tuple[Measurements, str]:
 
 
 def _stretches(data: Measurements) -> list[NDArray[np.intp]]:
-    """Rows of one run that stand together in the table."""
+    """Row indices of each stretch of neighbouring rows that have one run."""
     run = codes_of(data.run)[1]
     return np.split(np.arange(run.size), np.flatnonzero(np.diff(run)) + 1) if run.size else []
 
 
 def _columns(data: Measurements) -> tuple[Array, dict[str, Array]]:
-    """Settings, shape (rows, settings), texts as codes; and by channel what was read. Blank is -1e300."""
+    """Settings, shape (rows, settings), texts as codes; and readings by channel. Blank is -1e300."""
     c = data.conditions
     names = ("load", "diameter", "width", *set_columns(data), *data.responses)
     texts = [c.contact, data.soil, *([data.wheel] if data.wheels_given else [])]
@@ -77,9 +77,9 @@ def _columns(data: Measurements) -> tuple[Array, dict[str, Array]]:
 
 
 def _chances(data: Measurements, readings: dict[str, Array]) -> Array:
-    """The chance that another run of its setting reads the same as this row, shape (rows,).
+    """Probability that another run of the same setting has the same readings as each row, shape (rows,).
 
-    A channel that shows one value throughout tells no two runs apart.
+    A channel that has one value throughout tells no two runs apart, and does not count.
     """
     found = np.ones(len(data))
     for name, values in readings.items():
@@ -96,7 +96,7 @@ def _chances(data: Measurements, readings: dict[str, Array]) -> Array:
 
 
 def _step(values: Array) -> float:
-    """Step in which values are written: the smallest between two of many, the last decimal of few."""
+    """Step in which values are written: the smallest between two if there are many, else the last decimal."""
     exact = _EXACT * float(np.abs(values).max())
     steps = np.diff(np.unique(values))
     steps = steps[steps > exact]

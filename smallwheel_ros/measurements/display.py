@@ -17,7 +17,17 @@ if TYPE_CHECKING:
 
 
 class Display(NamedTuple):
-    """How a quantity is shown: a value in SI times `scale`, in `unit`; `label` names quantity and unit."""
+    """How the values of a quantity are shown.
+
+    Attributes
+    ----------
+    scale
+        Factor from SI to the unit that is shown: 1000 for mm.
+    label
+        Quantity and unit in words, as "drawbar pull [N]".
+    unit
+        The unit that is shown; empty for a pure number.
+    """
 
     scale: float
     label: str
@@ -53,7 +63,10 @@ def effect_words(name: str) -> str:
 
 
 def to_tell(names: Sequence[str]) -> str:
-    """Say what runs are to tell: one effect from another, or whether one is missing; "none" is no effect."""
+    """Words for the question that runs are to decide between these effects; "none" stands for no effect.
+
+    One effect gives "whether slip sinkage is missing", several "bulldozing from slip sinkage".
+    """
     effects = [name for name in names if name != "none"]
     if len(effects) == 1:
         return f"whether {effect_words(effects[0])} is missing"
@@ -61,14 +74,14 @@ def to_tell(names: Sequence[str]) -> str:
 
 
 def percent(share: float | None, *, signed: bool = False) -> str:
-    """A share in whole per cent, "-" for none; never "-0 %".
+    """A share in whole per cent, as "12 %"; "-" if it is unknown, never "-0 %".
 
     Parameters
     ----------
     share
-        1 is all; None: not known.
+        1 is 100 %; None or not finite: unknown.
     signed
-        Whether a + stands before what is over 0.
+        Whether a positive share begins with a +.
     """
     if share is None or not np.isfinite(share):
         return "-"
@@ -77,7 +90,7 @@ def percent(share: float | None, *, signed: bool = False) -> str:
 
 
 def probability_text(probability: float | None) -> str:
-    """A probability with two digits, "-" for none; at the ends `over 0.99` and `under 0.01`: none is sure."""
+    """A probability with two decimals, "over 0.99" or "under 0.01" near the ends, "-" for None."""
     if probability is None:
         return "-"
     if not 0.01 <= probability <= 0.99:
@@ -86,19 +99,19 @@ def probability_text(probability: float | None) -> str:
 
 
 def p_text(p: float | None) -> str:
-    """A p value with two digits: it is a count of simulations, and has no more."""
+    """A p value with two digits, "-" for None: it is a share of simulations, too few for more digits."""
     return "-" if p is None else f"{p:.2g}"
 
 
 def setting_words(name: str, value: object) -> str:
-    """A setting with its unit, in degrees and millimetres: 28.6 deg; a range by its ends.
+    """A setting's value with its unit, in degrees and millimetres: "28.6 deg"; a range as "20 mm to 35 mm".
 
     Parameters
     ----------
     name
         Name of the setting.
     value
-        In SI units; two values are a range.
+        A number in SI units; a list or tuple of two is a range. Anything else is returned as text.
     """
     if isinstance(value, (list, tuple)):
         return " to ".join(dict.fromkeys(setting_words(name, v) for v in value))
@@ -111,7 +124,7 @@ def setting_words(name: str, value: object) -> str:
 
 
 def region_words(text: str) -> str:
-    """`slip_angle > 0.5` as people say it: slip angle > 28.6 deg."""
+    """A region in words: `slip_angle > 0.5` is slip angle > 28.6 deg; a text of another form is unchanged."""
     found = re.fullmatch(r"(\|?)(.+?)(\|?) ([<>]) (\S+)", text)
     if found is None:
         return text
@@ -120,28 +133,28 @@ def region_words(text: str) -> str:
 
 
 def listed(names: Sequence[str], last: str = "and") -> str:
-    """Join names in words: `a, b and c`; "" for none.
+    """Join names, each in words: "slip sinkage, grouser and multipass"; "" for none.
 
     Parameters
     ----------
     names
         Names of effects or columns.
     last
-        The word before the last one.
+        The word before the last name.
     """
     shown = [effect_words(name) for name in names]
     return "".join(shown) if len(shown) < 2 else f"{', '.join(shown[:-1])} {last} {shown[-1]}"
 
 
 def display(name: str, unit: str) -> Display:
-    """Unit and scale in which values of a column are shown.
+    """Unit and scale in which values of a column are shown: mm for m, degrees for rad, else its SI unit.
 
     Parameters
     ----------
     name
         Name of the column.
     unit
-        The SI unit that it is held in, "" where none is known.
+        SI unit of its values; "" if none is known.
     """
     return _in_unit(name, *_SCALES.get(unit, (1.0, shown_unit(unit))))
 
@@ -151,7 +164,9 @@ def _in_unit(name: str, scale: float, unit: str) -> Display:
 
 
 def column_display(measurements: Measurements, name: str) -> Display:
-    """Unit and scale in which values of a table's column are shown: its header's unit if it has one.
+    """Unit and scale in which values of a table's column are shown: the unit of its header if it has one.
+
+    Else they are those of `display`; speeds that are all under 0.2 m/s are in mm/s.
 
     Parameters
     ----------
@@ -172,7 +187,7 @@ def column_display(measurements: Measurements, name: str) -> Display:
 
 
 def brief(value: float) -> str:
-    """A setting in short form: 0.5, 20, 1.23e-05."""
+    """A number with three significant digits, from 1000 on with six: 0.5, 20, 1.23e-05, 12345.6."""
     return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.6g}"
 
 
@@ -184,12 +199,12 @@ def sentence(text: str) -> str:
 
 
 def number(value: ArrayLike | None, digits: int = 3) -> str:
-    """A number as text, "-" for none: 0.00123, 12.3, 4130.
+    """A number as text, rounded: 0.00123, 12.3, 4130; "-" if there is none.
 
     Parameters
     ----------
     value
-        None and what is not finite are none.
+        The number; None or not finite: none.
     digits
         Number of significant digits.
     """
@@ -206,7 +221,7 @@ def number(value: ArrayLike | None, digits: int = 3) -> str:
 
 
 def shown_value(channel: str, value: float | None) -> str:
-    """A value of a channel with its unit, "-" for none.
+    """A value of a channel with its unit, as "8.50 mm"; "-" for None.
 
     Parameters
     ----------

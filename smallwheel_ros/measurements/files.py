@@ -55,14 +55,14 @@ def read_grid(source: str | Path | pd.DataFrame, sheet: str | int | None = None)
     Parameters
     ----------
     source
-        The file, or the frame of pandas.
+        Path of the file, or the pandas data frame.
     sheet
-        Sheet of a workbook, by name or number; without it the one sheet that has a table is read.
+        Sheet of a workbook, by name or number from 1; None: the only sheet that has a table.
 
     Raises
     ------
     MeasurementsError
-        Where the file cannot be read, is of another kind, or is no table.
+        If the file cannot be read, is of another kind, is too large, or has no such sheet.
     """
     if not isinstance(source, (str, Path)):
         if not (hasattr(source, "columns") and hasattr(source, "to_numpy")):
@@ -91,7 +91,7 @@ def _file_grid(data: bytes, sheet: str | int | None) -> CellGrid:
 
 
 def _bytes(source: str) -> bytes:
-    """Give what is in a regular file, and no more of it than a table may have."""
+    """Read a regular file that is no larger than a table may be."""
     try:
         # Without waiting: a pipe without a writer would never open.
         descriptor = os.open(source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
@@ -186,7 +186,7 @@ def _decoded(data: bytes) -> tuple[str, list[str]]:
 
 
 def _eastern(data: bytes) -> str:
-    """Code of a Chinese or Japanese file, whose headers then name quantities; empty for any other."""
+    """Encoding of a Chinese or Japanese file: the one in which most headers are known; empty for others."""
     best, most = "", max(1, _known(data, "cp1252"))
     for code in _EASTERN:
         with suppress(UnicodeDecodeError):
@@ -197,7 +197,7 @@ def _eastern(data: bytes) -> str:
 
 
 def _known(data: bytes, code: str) -> int:
-    """Most names of quantities in a line, of bytes read by a code."""
+    """The largest number of names of quantities in one of the first lines. code: encoding of the bytes."""
     lines = data[:_SAMPLE].decode(code, "ignore").splitlines()[:SEARCHED]
     return max((known_cells(re.split(r"[,;\t|]", line)) for line in lines), default=0)
 
@@ -219,9 +219,9 @@ def _separator(text: str) -> str:
 
 
 def _known_by_blanks(lines: list[list[str]]) -> int:
-    """Names of quantities in the header of a table between blanks; 0 where its rows have other counts.
+    """Number of quantities that the header names, split at blanks; 0 if most rows have other counts of cells.
 
-    A header of several words to a name, between tabs, has more cells than its rows.
+    Where tabs separate the cells, a header with names of several words has more words than its rows.
     """
     header = max(lines, key=known_cells, default=[])
     usual = Counter(map(len, lines)).most_common(1)
@@ -229,12 +229,12 @@ def _known_by_blanks(lines: list[list[str]]) -> int:
 
 
 def _by_blanks(line: str) -> list[str]:
-    """Cells of a line between blanks; a unit in brackets and a mark of a comment stay with their word."""
+    """Split a line at blanks; a unit in brackets and the mark of a comment stay with the word beside them."""
     return re.sub(r"\s+(?=[\[(])|(?<=^[#%])\s+", "", line.strip()).split()
 
 
 def _parquet_grid(data: bytes) -> CellGrid:
-    """Read a Parquet file, judged by what its footer states before anything is unpacked."""
+    """Read a Parquet file; one that its footer states to be too large is refused before it is unpacked."""
     try:
         import pyarrow
         import pyarrow.parquet

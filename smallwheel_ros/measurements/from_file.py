@@ -51,7 +51,7 @@ from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 if TYPE_CHECKING:
     import pandas as pd
 
-# What a body that is pressed straight down has of the settings of a rolling wheel.
+# Settings of a rolling wheel, for a body that is pressed straight down.
 _AT_REST = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0}
 # A wheel that moves more across its plane than along it is ploughed, not rolled.
 _PLOUGHED = np.pi / 4
@@ -73,7 +73,7 @@ _ANSWERS = "taken as responses of the wheel, not settings: {}"
 
 
 def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurements:
-    """Read a table of wheels and plates; one of shear tests is refused.
+    """Read a table of wheels and plates in SI units; MeasurementsError for one of shear tests.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurem
 
 
 def read_conditions(source: str | Path | pd.DataFrame, **how: Any) -> Measurements:
-    """Read a table of settings, which needs no measurements; every row is kept.
+    """Read a table of settings to be predicted: it needs no measurements, and no row is left out.
 
     Parameters
     ----------
@@ -114,13 +114,19 @@ def read_tests(
     map, sheet
         See `api.read.read`.
     how
-        diameter, width (m), contact and compliance as in `api.read.read`. shear: whether a table of shear
-        tests is read too; every_row: whether rows are kept that have measured nothing.
+        diameter, width (m), contact and compliance (m/N) as in `api.read.read`. shear (True): whether a
+        table of shear tests is allowed. every_row (False): whether a table needs no measurements, and
+        keeps copies and rows in which a plate does not press on the soil.
+
+    Returns
+    -------
+    Measurements or ShearTests
+        Shear tests if the table has a column of shear stress, and not both load and sinkage.
 
     Raises
     ------
     MeasurementsError
-        Lists everything that is wrong: file, row, column, what was found, what was expected, what to do.
+        Lists all problems: file, row, column, what was found, what was expected, what to do.
     """
     one = sheet is None or isinstance(sheet, (str, int))
     several: Sequence[Any] = [sheet] if one else list(sheet or ()) or [None]  # type: ignore[arg-type]
@@ -135,7 +141,7 @@ def read_tests(
 
 
 def _refuse_other_columns(path: str, grids: Sequence[CellGrid], mapping: Mapping[str, str]) -> None:
-    """Refuse sheets of different columns, and a sheet that was asked for twice. Raises MeasurementsError."""
+    """Raise MeasurementsError if sheets have different columns, or one sheet was asked for twice."""
     names = [clipped(grid.sheet) for grid in grids]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -155,7 +161,7 @@ def _refuse_other_columns(path: str, grids: Sequence[CellGrid], mapping: Mapping
 
 
 def _quantities(columns: TableColumns) -> set[str]:
-    """Columns by our names; a remark of one's own may stand on one sheet only."""
+    """Our names of the columns, but for unknown columns of texts, which one sheet alone may have."""
     headings = columns.headings
     return {n for n in headings if headings[n].rank != UNKNOWN or n not in columns.texts}
 
@@ -163,7 +169,7 @@ def _quantities(columns: TableColumns) -> set[str]:
 def _joined_sheets(
     path: str, sheets: Sequence[str], tables: Sequence[Measurements | ShearTests]
 ) -> Measurements | ShearTests:
-    """The rows of several sheets, in order. Runs of one name on two sheets are different runs."""
+    """Join the tables of several sheets, in order. Runs of one name on two sheets stay different runs."""
     called = " and ".join(f"'{sheet}'" for sheet in sheets)
     # the source tells their runs apart
     named = [replace(table, source=sheet) for sheet, table in zip(sheets, tables, strict=True)]
@@ -225,7 +231,7 @@ def _read_grid(
 
 
 def _measurements(columns: TableColumns, every_row: bool) -> Measurements:
-    """The table of columns in which nothing is wrong. every_row: whether copies are wanted, too."""
+    """The table of columns that have no problem. every_row: whether copies of runs are kept."""
     numbers, notes = columns.numbers, columns.notes
     sizes = {n: columns.values(n) for n in ("load", "diameter", "width")}
     channels = {name: numbers[name] for name in CHANNELS if name in numbers}
@@ -293,9 +299,9 @@ def _measurements(columns: TableColumns, every_row: bool) -> Measurements:
 
 
 def _check_there(columns: TableColumns, measured: bool) -> None:
-    """Add a problem for each column that there must be; a table of plates needs no width.
+    """Add a problem for each required column that is absent; a table of plates needs no width.
 
-    measured: whether something must have been measured.
+    measured: whether the table must have a channel.
     """
     needed = ["load", "diameter", *(["width"] if np.any(columns.contact != PLATE) else [])]
     nearly = {meant(heading) for heading in columns.headings.values() if heading.rank == UNKNOWN}
@@ -322,7 +328,7 @@ def _check_there(columns: TableColumns, measured: bool) -> None:
 
 
 def _several(columns: TableColumns) -> str:
-    """What to do where several columns may be one channel: gauges at the left and the right of a wheel."""
+    """Words on what to do if several columns may be one channel, as of gauges on both sides of a wheel."""
     for name in CHANNELS:
         headings = columns.headings.values()
         own = [h for h in headings if name in tokens_of(f"{h.text} {h.name}".lower())]
@@ -342,6 +348,7 @@ def _check_blanks(columns: TableColumns) -> None:
     """Add a problem for cells that are blank where a value is needed."""
 
     def check(names: Sequence[str], needed: Mask, words: str) -> None:
+        """Add a problem in these words for each of the columns that is blank in a needed row."""
         for name in names:
             blank = np.isnan(columns.values(name))
             rows = blank & needed & columns.sound(name)
@@ -376,7 +383,10 @@ def _line_names(place: str, lines: NDArray[np.intp]) -> Texts:
 
 
 def _with_repeats(data: Measurements, place: str) -> tuple[Measurements, str]:
-    """Name each row's run by the first row of its setting: repeats are no independent runs."""
+    """Name each row's run by the first row of its setting: repeats are no independent runs.
+
+    Returns the table, and a note about the repeats.
+    """
     codes = setting_codes(data)
     # codes rise in the order in which they first appear
     first = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
@@ -391,7 +401,7 @@ def _with_repeats(data: Measurements, place: str) -> tuple[Measurements, str]:
 
 
 def _wheels(conditions: Conditions) -> Texts:
-    """A name for each size of wheel."""
+    """A name for each row's wheel, made from its size, shape (rows,)."""
     # a pair of numbers as a complex one
     sizes, index = codes_of(conditions.diameter + 1j * np.nan_to_num(conditions.width))
     names = [
@@ -403,9 +413,8 @@ def _wheels(conditions: Conditions) -> Texts:
 def _check_heights(columns: TableColumns) -> None:
     """Add a problem for a wheel that is deeper than its axle, and for lugs higher than its radius.
 
-    It carries by its lower half, so that is a mistake. A wheel dragged across its plane is ploughed
-    in rather than rolled, and does get there: such rows are kept, marked by
-    `Measurements.sunk_to_axle`.
+    A wheel that rolls is carried by its lower half, so a deeper one is a mistake. A wheel that is dragged
+    across its plane does plough itself in so deep: such rows are kept, marked by `Measurements.sunk_to_axle`.
     """
     d = columns.numbers.get("diameter")
     if d is None:
@@ -427,7 +436,10 @@ def _check_heights(columns: TableColumns) -> None:
 
 
 def _check_shares(columns: TableColumns) -> None:
-    """Add a problem for shares below a [%] in a workbook, whose cells may be shown in per cent."""
+    """Add a problem if a column in % has no value over 1 %: its cells may be shares shown in per cent.
+
+    Only for workbooks in which such cells cannot be told from others.
+    """
     for name, heading in columns.headings.items():
         most = float(np.nanmax(np.abs(columns.values(name)), initial=0.0))
         if heading.unit == "%" and 0.0 < most <= SHARES:

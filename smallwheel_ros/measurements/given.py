@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Types of arguments that users may give for a table of measurements."""
+"""Types of arguments by which users name a table of measurements."""
 
 from collections.abc import Sequence
 from os import PathLike

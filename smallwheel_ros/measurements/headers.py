@@ -42,8 +42,8 @@ _AT_THE_END = (
     r"[\s_]+(?=[^\s_]+$)",  # load_N
     r"[\s_]+(?=[^\s_]+_[^\s_]+$)",  # speed_m_s
 )
-MAPPED = -1  # rank of a column that the user named, before all that was understood
-UNKNOWN = 3  # rank of a column that no word is known for
+MAPPED = -1  # rank of a column that the user named with --map: before every other rank
+UNKNOWN = 3  # rank of a column whose header is no known word
 _NEAR = 0.84  # of difflib: one letter too many or too few in words of five letters or more
 
 
@@ -53,9 +53,9 @@ class Match(NamedTuple):
     Attributes
     ----------
     name
-        Our name of the quantity.
+        Our name of the quantity, as in `columns.COLUMNS`.
     rank
-        0 for our own name, 1 for its word or symbol, 2 if the header has other words too.
+        0 if the header is that name, 1 if it is another word or symbol for it, 2 if it has other words too.
     """
 
     name: str
@@ -63,20 +63,21 @@ class Match(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """A column's header, understood.
+    """A column's header: which quantity it names, in which unit.
 
     Attributes
     ----------
     text
         The header as in the file.
     name
-        Our name of the quantity, or the table's own if it is unknown.
+        Our name of the quantity; the header without its unit if it is unknown.
     unit
-        As `columns.to_base` takes it; None if the header has none.
+        Unit of the column, in a spelling that `columns.to_base` takes if it is known; None if the header has
+        none.
     rank
-        How surely the header names the quantity: as in `Match`, or `MAPPED` or `UNKNOWN`.
+        How closely the header matches the quantity: as in `Match`, or `MAPPED` or `UNKNOWN`.
     factor
-        Factor that turns values into the quantity: 2 for a radius.
+        Factor that converts the column's values to the quantity: 2 for a radius, whose name is diameter.
     """
 
     text: str
@@ -88,7 +89,7 @@ class Heading(NamedTuple):
 
 @lru_cache(maxsize=10_000)
 def plain(text: str) -> str:
-    """Letters and digits only, in lower case, without accents; ä, ae and a are the same."""
+    """The text's letters, digits, % and °, in lower case, without accents; ä, ae and a are the same."""
     letters = unicodedata.normalize("NFKD", text.casefold())
     joined = "".join(c for c in letters if c.isalnum() or c in "%°")
     return re.sub("([aou])e", r"\1", joined)
@@ -118,7 +119,7 @@ def tokens_of(text: str) -> list[str]:
 
 @lru_cache(maxsize=10_000)
 def find(text: str) -> Match | None:
-    """Quantity named by a header without its unit."""
+    """The quantity that a header without its unit names; None if it names none that is known."""
     tokens, whole = tokens_of(text), plain(text)
     if text in SYMBOLS:
         return Match(SYMBOLS[text], 1)
@@ -172,19 +173,19 @@ def expected_unit(name: str) -> str | None:
 
 @lru_cache(maxsize=10_000)
 def read_heading(text: str, known: Match | None = None) -> Heading:
-    """Understand a header.
+    """Split a header into quantity and unit.
 
     Parameters
     ----------
     text
-        As it stands in the table.
+        The header as in the table.
     known
-        Which quantity it is, where the user has named it.
+        The quantity, where the user has named it; None: it is looked for in the text.
 
     Raises
     ------
     UnitsError
-        Where a bracket is not closed or text follows it.
+        If a square bracket is not closed, or text follows it.
     """
     text = " ".join(text.split())
     return _understood(text.translate(_WIDE), known)._replace(text=text)
@@ -225,7 +226,7 @@ def _understood(text: str, known: Match | None) -> Heading:
 
 
 def _splits(text: str) -> Iterator[tuple[str, str]]:
-    """Name and what may be its unit or symbol, the surest way of writing first."""
+    """Yield each way to split a header into a name and what may be its unit or symbol, the surest first."""
     if brackets := _ROUND_BRACKETS.fullmatch(text):
         yield brackets[1], brackets[2].strip()
     for separator in _AT_THE_END:
@@ -260,19 +261,19 @@ def _heading(name: str, match: Match | None, unit: str | None) -> Heading:
 
 
 def mapped_heading(text: str, ours: str) -> Heading:
-    """Heading of a column named by the user, `--map "load [kN]=F"`.
+    """Heading of a column whose quantity the user has named, as in `--map "load [kN]=F"`.
 
     Parameters
     ----------
     text
-        The table's own header.
+        The table's own header, `F`.
     ours
-        The quantity, with its unit where the header has none.
+        Our name of the quantity, `load [kN]`. Its unit, if it has one, replaces that of the header.
 
     Raises
     ------
     UnitsError
-        Where a bracket of either is not closed.
+        If a square bracket of either is not closed.
     """
     wanted = read_heading(ours)
     known = Match(wanted.name if wanted.factor == 1.0 else "radius", MAPPED)
@@ -281,7 +282,7 @@ def mapped_heading(text: str, ours: str) -> Heading:
 
 
 def contact_of(text: str) -> str:
-    """`rolling`, `pressed` or `plate` for a word that means it; else the text as it is."""
+    """`rolling`, `pressed` or `plate` for a word that means one of them; any other text unchanged."""
     return _CONTACT.get(plain(text), text)
 
 
@@ -293,7 +294,7 @@ def is_summary(text: str, names: Collection[str] = ()) -> bool:
     text
         The cell.
     names
-        Names of the runs around it: a row may be the mean of one of them (`Mean a`).
+        Names of runs in the table: "Mean a" is a summary only if there is a run "a".
     """
     if text.strip() in _MEAN_SIGNS:
         return True

@@ -20,12 +20,12 @@ _STIFFEST, _SOFTEST = 1e-10, 1e-2  # m/N: a press's steel frame, and a soft spri
 _LIGHT = 0.01  # of a curve's largest load: less may be noise
 _MOVED = 0.02  # of a curve's depth, travelled without load: before that it may be a power of depth
 _ON_SOIL = 0.05  # of a curve's largest load: from there its power of depth is taken
-_ABSENT = 5.0  # times the noise: a load that this power of depth has there, and was not
+_ABSENT = 5.0  # times the noise: a load by this power of depth that would have been noticed
 _MOST_ZEROS = 12
 _UNLOADED = 0.9  # of the largest load before it: less is a load that was taken off
 _REBOUND = 0.002  # of the depth: less is noise of the sinkage
-# Rank correlation of depth with the row's number from which rows are in the order of time: rebound is a
-# small share of the depth, and rows in no order have none.
+# Rank correlation of depth with the row number: above it, rows are taken to be in the order of time. Rebound
+# is a small share of the depth and lowers it little; rows in no order have a correlation near 0.
 _IN_ORDER = 0.7
 _FEWEST = 5  # rows of a curve
 _SAME_LOAD = 0.01  # of the load: a load cell reads a constant load to that
@@ -39,14 +39,17 @@ _TWO_SHAPES = "a plate with a diameter too, expected one of the two: round or re
 
 
 def take_contact(columns: TableColumns, given: str | None) -> None:
-    """Set the kind of contact of each row; a table of pressures without a width is one of plates.
+    """Set the contact of each row: rolling, pressed or plate.
+
+    With neither a column nor an option, a table of pressures instead of loads is one of plates, unless it has
+    a width and no length; any other table is one of rolling wheels.
 
     Parameters
     ----------
     columns
-        The table's columns; their contact is set.
+        The table's columns; `contact` is set.
     given
-        Contact of all rows; None: as the table has it.
+        Contact of all rows, from the option; None: it is taken from the table's column.
     """
     texts = columns.texts.get("contact")
     if given is not None and given not in CONTACTS:
@@ -67,14 +70,17 @@ def take_contact(columns: TableColumns, given: str | None) -> None:
 
 
 def take_plates(columns: TableColumns, compliance: float | None) -> None:
-    """Compute load, diameter, width and the soil's own sinkage from a table's columns of plates.
+    """Convert what a plate test states to load, diameter, width and the sinkage in the soil.
+
+    A pressure times the plate's area is the load, and a rectangular plate has the diameter of the round one
+    of the same area.
 
     Parameters
     ----------
     columns
         The table's columns, which are changed.
     compliance
-        Compliance of the rig, m/N: its product with the load is subtracted from each sinkage; None: none.
+        Compliance of the rig, m/N: its product with the load is subtracted from each sinkage; None: rigid.
     """
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
     if plate.any():
@@ -89,7 +95,7 @@ def take_plates(columns: TableColumns, compliance: float | None) -> None:
 
 
 def _take_sizes(columns: TableColumns, plate: Mask) -> None:
-    """A round plate has a diameter; a rectangular one width and length, and an equivalent diameter."""
+    """Set diameter and width (the smaller side) of rectangular plates; round ones get no width."""
     diameter, width = columns.values("diameter"), columns.values("width")
     rectangular = np.zeros(plate.size, dtype=bool)
     if columns.read("length"):
@@ -111,7 +117,7 @@ def _take_sizes(columns: TableColumns, plate: Mask) -> None:
 
 
 def _take_pressure(columns: TableColumns, plate: Mask) -> None:
-    """Load from pressure, where a plate's area is known."""
+    """Set the loads of plates that lack one to pressure times area; a problem for other contacts."""
     load = columns.values("load")
     wanted = np.isnan(load)
     if not wanted.any():
@@ -142,8 +148,9 @@ def _take_compliance(columns: TableColumns, rolling: Mask, compliance: float) ->
 
 
 def name_curves(columns: TableColumns) -> None:
-    """Number the runs of a table of curves that names none: where size, soil, load or depth starts again.
+    """Name the runs "curve 1", "curve 2" ... in a table of curves without a column of runs.
 
+    A curve begins where size or soil changes, or load and sinkage fall back (`settings.curves_of_rows`).
     Otherwise each row of a curve would count as a run of its own.
     """
     texts, sinkage = columns.texts.get("run"), columns.numbers.get("sinkage")
@@ -162,11 +169,11 @@ def name_curves(columns: TableColumns) -> None:
 
 
 def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
-    """Of plates and pressed wheels, keep the rows in which they press on the soil for the first time.
+    """Of plates and pressed wheels, keep the rows in which the load presses them in for the first time.
 
     Before contact, load and sinkage are noise around 0, and a law of first loading does not describe a
-    load that is removed and applied again. Rows that are left out are reported. Rows of rolling wheels
-    are all kept.
+    load that is removed and applied again. Where a curve begins above the soil, its sinkage is counted from
+    the last row before contact. What is left out is reported. Rows of rolling wheels are all kept.
 
     Parameters
     ----------
@@ -215,7 +222,7 @@ def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
 
 
 def _never_over_0(values: Array) -> str:
-    """Why no reading of a load cell or a gauge is over 0; empty where one is."""
+    """Words for a likely cause if no reading of a load cell or depth gauge is over 0; empty if one is."""
     if (values > 0.0).any():
         return ""
     if not (values < 0.0).any():
@@ -227,10 +234,10 @@ def _never_over_0(values: Array) -> str:
 
 
 def _free_travel(load: Array, sinkage: Array) -> int:
-    """How many rows of a curve, in order, come before the body touches: it moves, and the load does not rise.
+    """Number of rows of a curve, in order, before the body touches soil: it moves, the load does not rise.
 
-    Soil carries by a power of depth: what it would have carried by that of the rest of the curve is far over
-    the noise.
+    The load on soil is about a power of depth. If the power that fits the rest of the curve gives a load at
+    the last of these rows that is not far over the noise, soil may be there unnoticed: 0 is returned.
     """
     light = load < _LIGHT * float(np.max(load, initial=0.0))
     count = int(np.argmin(light)) if not light.all() else 0
@@ -255,7 +262,7 @@ def _free_travel(load: Array, sinkage: Array) -> int:
 
 
 def _unloaded(load: Array, sinkage: Array) -> Mask:
-    """Rows of one curve, in order, whose load and sinkage are below what was reached before."""
+    """Mask of the rows of one curve, in order, whose load and sinkage are below what was reached before."""
     end = 0 if np.isnan(sinkage).all() else int(np.nanargmax(sinkage))
     down = sinkage[: end + 1]
     if end < _FEWEST or not _rise(np.arange(end + 1), down) > _IN_ORDER:
@@ -266,14 +273,14 @@ def _unloaded(load: Array, sinkage: Array) -> Mask:
 
 
 def _rise(one: Array | Index, other: Array) -> float:
-    """Spearman's rank correlation; NaN where one of them is the same throughout."""
+    """Spearman's rank correlation; NaN if either has one value throughout."""
     from scipy.stats import spearmanr  # slow to import, and few tables have curves
 
     return np.nan if np.ptp(one) == 0 or np.ptp(other) == 0 else float(spearmanr(one, other)[0])
 
 
 def _say_odd_load(columns: TableColumns, name: str, load: Array, sinkage: Array) -> None:
-    """Warn of a load over depth that no soil bears. load (N), sinkage (m): of one curve."""
+    """Warn of a curve of load (N) over sinkage (m) that no soil has: constant, or falling with depth."""
     known = np.isfinite(sinkage)
     if known.sum() < _FEWEST or np.ptp(sinkage[known]) == 0.0:
         return
@@ -293,9 +300,9 @@ def _say_odd_load(columns: TableColumns, name: str, load: Array, sinkage: Array)
 
 
 def shear_tests(columns: TableColumns) -> ShearTests:
-    """The shear tests in the columns of a table.
+    """The shear tests in the columns of a table; rows with a blank cell are left out.
 
-    Raises MeasurementsError that lists everything that is wrong.
+    Raises MeasurementsError, which lists all problems.
     """
     columns.lacking(
         f"no column '{name}' ({LAB_COLUMNS[name].description})"
@@ -327,6 +334,7 @@ def _shear_runs(columns: TableColumns, sigma: Array, j: Array, soil: Texts) -> T
         return named
 
     def other(first: int, row: int) -> bool:
+        """Whether a row has another stress or soil than the first row of the curve."""
         new_stress = abs(sigma[row] - sigma[first]) > _NEW_STRESS * sigma[first]
         return bool(new_stress or soil[row] != soil[first])
 

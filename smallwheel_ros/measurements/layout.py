@@ -96,26 +96,29 @@ def _variation(x: Array) -> float:
     return float(np.std(x, ddof=min(1, x.size - 1)) / np.mean(x)) if np.mean(x) else np.nan
 
 
-# Columns of texts; of each row's name in the first, whether it has digits, else is a code of 1 or 2 letters.
+# Positions of the columns of texts, the runs' first; and the kind of each row's cell in the first of these:
+# whether it has digits, and whether it is a code of one or two bytes without any.
 RowNames = tuple[list[int], list[tuple[bool, bool]]]
 
 
 @dataclass
 class Layout:
-    """The table as it lies in a grid of cells.
+    """The table within a grid of cells: headers, columns of cells, and the place of each row in the file.
 
     Attributes
     ----------
     headers, columns
-        As in the grid, all columns of the same length.
+        Texts of the headers, and the cells of each column below its header; all have the same length.
     units
-        Units by column, where the table has a row of units.
+        Unit by position of the column, from the row of units; empty if the table has none.
     numbers
-        Line of each row in the file, shape (rows,).
+        Number of each row in the file, shape (rows,).
     header_line
-        Line of the header; None where the file keeps headers apart from the rows.
+        Number of the header's row in the file; None if the file keeps headers apart from the rows.
     ragged
-        For each row whose number of cells differs from the header's, that number.
+        Number of cells, by index of the row, of each row of a text file that does not fit the header.
+    said
+        Sentences for the user about how the table was found.
     """
 
     headers: list[str]
@@ -127,14 +130,14 @@ class Layout:
     said: list[str]
 
     def drop(self, rows: Sequence[int]) -> None:
-        """Leave these rows out."""
+        """Remove the rows of these indices; `ragged` keeps the indices from before."""
         kept = np.delete(np.arange(self.numbers.size), rows)
         self.columns = [[column[row] for row in kept.tolist()] for column in self.columns]
         self.numbers = self.numbers[kept]
 
 
 def known_cells(row: Sequence[Cell]) -> int:
-    """How many cells of a row name a quantity."""
+    """Number of cells of a row that name a known quantity."""
     count = 0
     for cell in row:
         if not isinstance(cell, str) or len(cell) >= _LONGEST_HEADER:
@@ -154,7 +157,7 @@ def _is_number(cell: Cell) -> bool:
 
 
 def find_layout(grid: CellGrid) -> Layout:
-    """Find the table. Raises MeasurementsError where there is none."""
+    """Find the table in a grid: header, row of units, rows. Raises MeasurementsError if there is none."""
     rows = [i for i, row in enumerate(grid.rows) if not all(map(is_blank, row))]
     said, headers, header_line = list(grid.said), grid.header, None
     if headers is None:
@@ -220,7 +223,7 @@ def _names(row: Sequence[Cell]) -> int:
 
 
 def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
-    """Units by column, if every cell below the name of a quantity is a unit, and one at least."""
+    """Units by position of the column, if the cells below names of quantities are units; None if not."""
     units: dict[int, str] = {}
     for position, (cell, header) in enumerate(zip(row, headers, strict=False)):
         if is_blank(cell):
@@ -242,16 +245,16 @@ def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
 
 
 def _is_symbol_row(row: Sequence[Cell], headers: list[str]) -> bool:
-    """Whether a row repeats what the columns are, in other words: W and z below load and sinkage."""
+    """Whether a row names the quantities of the headers once more: W and z below load and sinkage."""
     pairs = [(str(c), h) for c, h in zip(row, headers, strict=False) if not is_blank(c)]
     found = [(find(cell.strip()), find(header)) for cell, header in pairs]
     return len(found) > 1 and all(a and b and a.name == b.name for a, b in found)
 
 
 def _width(grid: CellGrid, rows: list[int], headers: list[str]) -> tuple[int, dict[int, int]]:
-    """Columns of the table, and how many cells the rows have that do not fit it, by row.
+    """Number of columns of the table; and by position in `rows` the number of cells of rows that do not fit.
 
-    Empty columns at the end are none. In a text file every row has as many cells as the header.
+    Empty columns at the end do not count. Only in a text file must rows have as many cells as the header.
     """
     headed = max((i + 1 for i, header in enumerate(headers) if header), default=0)
     lengths = {p: len(grid.rows[i]) for p, i in enumerate(rows) if len(grid.rows[i]) != headed}
@@ -271,14 +274,14 @@ def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
 
 
 def is_label(heading: Heading, numbers: Numbers) -> bool:
-    """Whether a column of unknown name holds texts, because too few of its cells are numbers.
+    """Whether a column of unknown name and without a unit is one of texts: too few of its cells are numbers.
 
     Parameters
     ----------
     heading
-        Its heading, as read.
+        The column's heading.
     numbers
-        Its cells, read as numbers.
+        The column's cells, read as numbers.
     """
     filled = int((~numbers.blank).sum())
     texts = sum(not why for why in numbers.faults.values())
@@ -292,16 +295,17 @@ def rows_not_measured(
     parsed: Mapping[int, Numbers],
     names: RowNames,
 ) -> dict[int, str]:
-    """Rows that are not measurements, each with the reason in words: remarks, headers, computed values.
+    """Rows that are not measurements (remarks, headers, computed values): the reason by index of the row.
 
     Parameters
     ----------
     layout
-        Where the table is in its sheet.
+        The table.
     named
-        Headings by number of the column.
+        Headings by position of the column.
     parsed
-        Numbers by number of the column, of those that have any.
+        Cells read as numbers, by position of the column; columns that are texts by definition (run, soil,
+        wheel, contact) are absent.
     names
         As returned by `row_names`.
     """
@@ -318,7 +322,7 @@ def rows_not_measured(
 
 
 def _signed(layout: Layout, parsed: Mapping[int, Numbers]) -> set[int]:
-    """Rows without any digit where the table has numbers: who checked it, where it ends."""
+    """Rows without any digit in the columns of numbers: a signature, a mark of the table's end."""
     found: set[int] | None = None
     for position, numbers in parsed.items():
         if not np.isfinite(numbers.values).any():
@@ -352,10 +356,10 @@ def _means(
     names: RowNames,
     left_out: Mapping[int, str],
 ) -> dict[int, str]:
-    """Rows that are the mean of those above, and those below it that are another statistic of the same.
+    """Rows that are the mean of rows above, and those below such a mean that are another statistic of them.
 
-    The name has to be of another kind than those of the measurements, a word among numbers; or it stands
-    again and again, below other names.
+    The name of such a row must be of another kind than the first row's, a word where that has digits; or it
+    must recur below other names.
     """
     texts, kinds = names
     numeric = {i: n for i, n in parsed.items() if i not in texts and not n.blank.all()}
@@ -393,16 +397,16 @@ def _means(
 
 
 def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> list[str]:
-    """Report rows named by a word where most are named by numbers or codes: they may be statistics.
+    """Warnings on rows named by a word where most names are numbers or codes: they may be statistics.
 
     Parameters
     ----------
     layout
-        Where the table is in its sheet.
+        The table.
     names
         As returned by `row_names`.
     left_out
-        Rows that are not measurements, with the reason.
+        Rows that are not measurements, as returned by `rows_not_measured`: no warning is needed for them.
     """
     texts, kinds = names
     if not texts:
@@ -421,14 +425,22 @@ def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> l
 def row_names(
     layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
 ) -> RowNames:
-    """The columns of texts, with that of the runs first, and the kind of each row's name.
+    """Find the columns of texts, and of which kind each row's name is.
 
     Parameters
     ----------
     layout
-        Where the table is in its sheet.
+        The table.
     named, parsed
         See `rows_not_measured`.
+
+    Returns
+    -------
+    columns : list of int
+        Positions of the columns of texts, that of the runs first.
+    kinds : list of tuple
+        Of each row's cell in the first of them: whether it has digits; whether it is a code, one or two
+        bytes long and without digits. Empty if there is no column of texts.
     """
     texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
     texts.sort(key=lambda i: named[i].name != "run")
@@ -448,9 +460,10 @@ def _is(
     rows: NDArray[np.intp],
     row: int,
 ) -> bool:
-    """Whether a row has that statistic of these in all of its numbers, of which one varies.
+    """Whether each number of `row` is that statistic of the same column's numbers in `rows`.
 
-    Where all of these have one value, a row that is no mean may repeat it.
+    At least one column must vary over `rows`: of a column with one value throughout, any further
+    measurement has that value, too.
     """
     varies = False
     for position, numbers in numeric.items():
@@ -477,9 +490,9 @@ def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
     Parameters
     ----------
     layout
-        Where the table is in its sheet.
+        The table.
     rows
-        The reason by number of the row.
+        The reason by index of the row, as returned by `rows_not_measured`.
     """
     lines = []
     for row in [*rows][:_MOST_SAID]:
@@ -494,7 +507,7 @@ def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
 def fill_down(
     layout: Layout, named: Mapping[int, Heading], merged: Sequence[tuple[int, int, int]]
 ) -> list[str]:
-    """Fill blanks below a merged cell, or below a name typed once for several rows; report the columns.
+    """Fill blanks below a merged cell, or below a name typed once for several rows.
 
     Measured values are never filled. A name is typed once if it begins each group of rows, blanks
     follow at least half of the names, and no name follows itself.
@@ -502,11 +515,16 @@ def fill_down(
     Parameters
     ----------
     layout
-        Where the table is in its sheet; its cells are changed.
+        The table; its cells are changed.
     named
-        Headings by number of the column.
+        Headings by position of the column.
     merged
-        Merged cells: column, first and last row.
+        Merged cells, as in `CellGrid.merged`.
+
+    Returns
+    -------
+    list of str
+        A sentence for each column that was filled.
     """
     said = []
     lines = layout.numbers.tolist()
@@ -540,19 +558,19 @@ def _is_typed_once(cells: Sequence[Cell]) -> bool:
 
 
 def with_unit(heading: Heading, unit: str | None) -> Heading:
-    """The heading with the unit of the row of units, if it has none of its own.
+    """Give a heading that has no unit the one from the row of units.
 
     Parameters
     ----------
     heading
-        The column's heading, as read.
+        The column's heading.
     unit
-        Unit in the row of units; None if it has none for this column.
+        Unit of the column in the row of units; None if there is none.
 
     Raises
     ------
     UnitsError
-        Where the two differ.
+        If the heading has another unit.
     """
     if unit is None or heading.unit == unit:
         return heading
@@ -583,13 +601,7 @@ def quantity(cell: Cell) -> str:
 
 
 def upright(grid: CellGrid) -> CellGrid:
-    """The grid as it is, or transposed if its first column names the quantities, each once.
-
-    Parameters
-    ----------
-    grid
-        The cells of a sheet or a file.
-    """
+    """The grid with one column for each quantity: transposed if its first column names them, each once."""
     if grid.header is not None or not _lies(grid.rows):
         return grid
     filled = [row for row in grid.rows if not all(map(is_blank, row))]
@@ -624,7 +636,7 @@ def _lies(rows: Sequence[Sequence[Cell]]) -> bool:
 
 
 def _quantity_of(row: Sequence[Cell]) -> str:
-    """The quantity that the first cell of a row names, its other cells being values of it."""
+    """The quantity that a row's first cell names; empty if none, or if the other cells are not its values."""
     name = quantity(row[0]) if row and len(str(row[0]).strip()) > _SHORT else ""
     others = [cell for cell in row[1:] if not is_blank(cell) and str(cell).strip("-– ")]
     numbers = sum(map(_is_number, others))
@@ -634,14 +646,16 @@ def _quantity_of(row: Sequence[Cell]) -> str:
 def one_row_a_reading(
     headings: Mapping[str, Heading], texts: Mapping[str, Sequence[str]], numeric: Sequence[str]
 ) -> str:
-    """Explain that a table has one row for each reading, named in a column; empty if it has not.
+    """Say how to rearrange a table in which each row is one reading and a column names its quantity.
+
+    Empty for any other table.
 
     Parameters
     ----------
     headings
-        By our name, the table's headers.
+        Headings of the table, by our name of the column.
     texts
-        By our name, the columns of texts.
+        Cells of each column of texts, by our name of the column.
     numeric
         Our names of the columns of numbers.
     """

@@ -43,14 +43,16 @@ class Measurements(Result, shown="views.measured"):
     declared_std
         By channel, the standard deviation that the table states; NaN where it states none.
     run, runs_given
-        Rows of one run are repeats of one setting and never split between fit and test. If the table
-        names no runs (`runs_given` False), rows of exactly the same settings are one run.
+        Name of each row's run. Rows of one run are repeats of one setting and never split between fit and
+        test. If the table names no runs (`runs_given` False), rows of one setting are one run
+        (`settings.setting_codes`).
     wheel, wheels_given
-        The wheel's name, made from its size if the table has none (`wheels_given` False).
+        Name of each row's wheel, made from its size if the table has none (`wheels_given` False).
     line, place
-        Line or row in the file of each row, for messages; "line" for a text file, "row" for others.
+        Number of each row in the file, for messages, and what it counts: "line" of a text file, "row" of any
+        other.
     labels
-        Text columns that are neither soil, run, wheel nor contact.
+        By name, text columns that are neither soil, run, wheel nor contact.
     units
         Unit of each numeric column as held here: SI, or empty if the table gives none.
     written_units
@@ -60,7 +62,9 @@ class Measurements(Result, shown="views.measured"):
     notes
         Sentences on what was assumed.
     understood
-        How headers and cells that are not in our own form were read.
+        Sentences on how headers and cells that are not in our own form were read.
+    source, sha256
+        Path of the file, and the hash of its content; empty if unknown.
     """
 
     conditions: Conditions
@@ -85,7 +89,7 @@ class Measurements(Result, shown="views.measured"):
         return len(self.conditions)
 
     def headline(self) -> str:
-        """How many rows and runs, and what was measured."""
+        """One line: source, number of rows and runs, and what was measured."""
         count = f"{len(self)} rows, {self.runs.size} runs of {', '.join(self.channels)}"
         return f"{self.source}: {count}" if self.source else count
 
@@ -98,7 +102,7 @@ class Measurements(Result, shown="views.measured"):
         return found | dict(self.channels)
 
     def to_dict(self) -> dict[str, Any]:
-        """What the table is: columns with units and ranges, not its rows."""
+        """A summary of the table for JSON: source, columns with units and ranges, warnings; not its rows."""
         numbers = {n: c for n, c in self.columns().items() if np.asarray(c).dtype.kind == "f"}
         return {
             "schema": 1,
@@ -136,16 +140,21 @@ class Measurements(Result, shown="views.measured"):
         Parameters
         ----------
         ax
-            Axes of matplotlib to draw into; new ones without it.
+            Axes of matplotlib to draw into; None: a new figure.
         channel
-            sinkage, resistance, drawbar_pull or torque; the first that was measured if not given.
+            sinkage, resistance, drawbar_pull or torque; None: the first that was measured.
         over
-            The setting; the load if not given.
+            Name of the setting, the load or one that was varied; None: the load.
+
+        Returns
+        -------
+        Axes
+            The axes that were drawn into.
 
         Raises
         ------
         ResultError
-            Where there is no such column.
+            If there is no such channel or setting.
         """
         return self._drawn(ax, channel, over)
 
@@ -171,20 +180,20 @@ class Measurements(Result, shown="views.measured"):
 
     @property
     def sunk_to_axle(self) -> Mask:
-        """Rows in which a wheel was measured deeper than its axle: no model holds there."""
+        """Whether a wheel was measured deeper than its axle, where no model holds, shape (rows,)."""
         if "sinkage" not in self.channels:
             return np.zeros(len(self), dtype=bool)
         deep = over_half(self.channels["sinkage"], self.conditions.diameter)
         return np.asarray(deep & (self.conditions.contact != PLATE))
 
     def channel_rows(self, name: str) -> NDArray[np.intp]:
-        """Rows that measured the channel; empty where the table does not have it."""
+        """Indices of the rows that measured the channel; empty if the table does not have it."""
         if name not in self.channels:
             return np.empty(0, dtype=np.intp)
         return np.flatnonzero(np.isfinite(self.channels[name]))
 
     def take(self, rows: Rows) -> Measurements:
-        """Keep the rows of that index or mask."""
+        """A table of the rows of that index, mask or slice."""
         return replace(
             self,
             conditions=self.conditions.take(rows),
@@ -204,15 +213,19 @@ class ShearTests:
     Attributes
     ----------
     normal_stress, shear_stress
-        Pa.
+        Stresses on the sheared surface, Pa.
     displacement
-        j of the soil at the annulus's middle radius or under the plate, m.
+        Shear displacement j of the soil at the annulus's middle radius or under the plate, m.
     run
-        One test: a curve at one normal stress.
+        Name of each row's test, which is a curve at one normal stress.
     soil
-        Empty where the table names none.
+        Name of each row's soil; empty where the table names none.
     line
-        Line of each row in the file.
+        Number of each row in the file.
+    notes, understood
+        Sentences on what was assumed, and on how headers and cells were read.
+    source, sha256
+        Path of the file, and the hash of its content.
     """
 
     normal_stress: Array
@@ -230,13 +243,13 @@ class ShearTests:
         return int(self.displacement.size)
 
     def take(self, rows: Mask) -> ShearTests:
-        """Keep the rows of that mask."""
+        """The tests with the rows of that mask only."""
         arrays = ("normal_stress", "shear_stress", "displacement", "run", "soil", "line")
         return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
 
 
 def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
-    """The different values in the order in which they first appear, and each row's index into them.
+    """The different values in the order in which they first appear, and each row's index into that list.
 
     Equal neighbours are one value to look up, and a table of values is many times quicker than sorting
     texts, as `np.unique` does.
@@ -250,21 +263,21 @@ def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
 
 
 def over_half(sinkage: Array, diameter: Array) -> Mask:
-    """Whether a wheel is deeper than its axle, shape (rows,).
+    """Whether a wheel is deeper than its axle, shape (rows,); False where the sinkage is NaN.
 
     Parameters
     ----------
     sinkage, diameter
-        m, shape (rows,).
+        Sinkage and diameter of the wheel, m, shape (rows,).
     """
     return np.asarray(sinkage > 0.5 * diameter * (1.0 + 1e-9))
 
 
 def joined(tables: Sequence[Measurements]) -> Measurements:
-    """The rows of several tables of one lab (a file for each plate, one for the wheel), in order.
+    """Join several tables of one lab (a file for each plate, one for the wheel), rows in order.
 
     A covariate that one table lacks is left out if that table has rolling wheels, else it is NaN in
-    that table's rows. Runs of one name in two files are different runs.
+    that table's rows. Runs of one name in two tables stay different runs. Labels are dropped.
     """
     if len(tables) == 1:
         return tables[0]
@@ -308,7 +321,10 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
 
 
 def joined_rows(tables: Sequence[Any]) -> dict[str, Any]:
-    """Run, line and source of the rows; runs of one name in several tables get different names."""
+    """Columns `run` and `line` of the rows of several tables, and a joint `source` and `sha256`, by name.
+
+    If a run's name occurs in several tables, the name of the file or the table's number is put before all.
+    """
     names = [name for table in tables for name in set(table.run.tolist())]
     run = [table.run for table in tables]
     if len(set(names)) < len(names):

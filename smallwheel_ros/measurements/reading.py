@@ -71,7 +71,7 @@ from smallwheel_ros.measurements.layout import (
     with_unit,
 )
 
-BEFORE_TOUCH = ("load", "sinkage")  # noise around 0 before a plate touches: `lab` looks at it
+BEFORE_TOUCH = ("load", "sinkage")  # may be noise around 0 before a plate touches: checked by `lab`
 # Settings that a table may lack: one in another unit is something else, the speed of a rim in rpm.
 _OF_ANOTHER = ("speed", "slope", "slip_angle", "grouser_height")
 _MOST_PROBLEMS, _MOST_ROWS, _MOST_NAMES = 20, 10, 30  # that a message lists
@@ -95,20 +95,25 @@ class TableColumns:
 
     Attributes
     ----------
+    source, sha256
+        The file, for messages, and the hash of its content.
     lines, place
-        Number of each row in the file, shape (rows,), and what it counts: "line" or "row".
+        Number of each row in the file, shape (rows,), and what it counts: "line", "row" or "column".
     header
-        The header's line.
+        Number of the header's row in the file; None if the file keeps headers apart.
     headings, cells
         Headers and cells as in the file, by our name of the column.
-    numbers
-        Columns of numbers, SI units, shape (rows,) each; NaN where blank.
+    numbers, units
+        Columns of numbers, shape (rows,) each, NaN where blank; and the SI unit of each, "" if unknown.
     texts
-        Known columns of texts, and labels.
+        Columns of texts, shape (rows,) each: soil, run, wheel, contact, and labels of the table's own.
     contact
-        What meets the soil in each row (`lab.take_contact`).
+        "rolling", "pressed" or "plate" in each row, shape (rows,); empty before `lab.take_contact`.
+    notes, understood, warnings
+        Sentences for the user, as in `Measurements`.
     begins, first
-        The first cell of each row, by which people recognise it, and its column.
+        Each row's cell in the first column that is not empty, and that column's header: a message repeats
+        the cell, so that people find the row.
     found
         The problems, a sentence each.
     """
@@ -134,27 +139,27 @@ class TableColumns:
     rows_there: int = 0  # below the header, measurements or not
 
     def there(self, name: str) -> bool:
-        """Whether the table has the column, or the user gave one value for all rows."""
+        """Whether there is such a column in the table, or values for all rows from elsewhere."""
         return name in self.headings or name in self.numbers
 
     def read(self, name: str) -> bool:
-        """Whether the table itself has the column, with numbers."""
+        """Whether the table itself has the column, and it could be read as numbers."""
         return name in self.headings and name in self.numbers
 
     def values(self, name: str, default: float = np.nan) -> Array:
-        """Numbers of a column, shape (rows,).
+        """Numbers of a column, shape (rows,); NaN where blank.
 
         Parameters
         ----------
         name
-            Name of the column.
+            Our name of the column.
         default
             Value of all rows if there is no such column, SI unit.
         """
         return self.numbers.get(name, np.full(self.lines.size, default))
 
     def sound(self, name: str) -> Mask:
-        """Rows of a column that have no problem."""
+        """Whether each row of a column is without a problem, shape (rows,)."""
         return ~self.faulty.get(name, np.zeros(self.lines.size, dtype=bool))
 
     def keep(self, rows: Mask) -> None:
@@ -169,7 +174,7 @@ class TableColumns:
     def add(
         self, message: str, column: str | None = None, rows: Iterable[int] | None = None
     ) -> None:
-        """Add a problem.
+        """Add a sentence to the problems, with the place in the file.
 
         Parameters
         ----------
@@ -178,7 +183,7 @@ class TableColumns:
         column
             Header of the column as in the table; None for the whole table.
         rows
-            Numbers of the rows concerned; None for the header.
+            Indices of the rows concerned; None for the header.
         """
         rows = [] if rows is None else list(rows)
         lines = [int(self.lines[row]) for row in rows]
@@ -196,7 +201,7 @@ class TableColumns:
         self.found.append(f"{', '.join(where)}: {message}" if where else message)
 
     def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
-        """Add a problem of a column, unless its rows are empty.
+        """Add a problem of a column, and mark its rows as faulty; does nothing if `rows` selects none.
 
         Parameters
         ----------
@@ -205,7 +210,7 @@ class TableColumns:
         name
             Our name of the column.
         rows
-            A mask of shape (rows,), or numbers of rows; None for the header.
+            A mask of shape (rows,), or indices of rows; None for the header, which concerns all rows.
         """
         at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
         if at is None or at.size:
@@ -216,7 +221,7 @@ class TableColumns:
             self.add(message, title, None if at is None else at.tolist())
 
     def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
-        """Add a problem if a column has values that are not allowed.
+        """Add a problem for the values that are not allowed; it shows the first of them.
 
         Parameters
         ----------
@@ -225,9 +230,9 @@ class TableColumns:
         values
             Its values, SI units, shape (rows,).
         rows
-            Where they are wrong, shape (rows,).
+            Whether each value is wrong, shape (rows,).
         wanted
-            What was expected in the first of these rows.
+            Words for what is allowed, as "at most 0.1 m".
         """
         if rows.any():
             row = int(np.argmax(rows))
@@ -237,21 +242,21 @@ class TableColumns:
             self.problem(f"{clipped(name)} is {value}, expected {wanted}", name, rows)
 
     def lacking(self, messages: Iterable[str]) -> None:
-        """Add a problem for each required column that is absent; the first one lists the columns present."""
+        """Add these problems, one for each required column that is absent; the first lists those present."""
         names = listed([heading.text for heading in self.headings.values()])
         hint = f". The columns are {names}. If one of these is it, say so with --map NAME=HEADER"
         for i, message in enumerate(messages):
             self.add(message + ("" if i else hint))
 
     def leave_out(self, name: str, known: int) -> None:
-        """Drop a column that is not needed; its problems become a warning.
+        """Drop the column that was read last, which is not needed; its problems become one warning.
 
         Parameters
         ----------
         name
-            Header of the column.
+            Name of the column.
         known
-            Number of problems before the first one of this column.
+            Number of problems that were known before the column was read.
         """
         why, self.found = self.found[known], self.found[:known]
         self.warnings.append(f"column '{clipped(name)}' is left out, and not needed: {why}")
@@ -259,14 +264,14 @@ class TableColumns:
             kept.pop(name, None)
 
     def count(self, rows: Mask, what: str) -> str:
-        """A sentence with the number of rows, what is reported of them, and where the first one is.
+        """A sentence such as "12 rows are left out (first in line 7)".
 
         Parameters
         ----------
         rows
-            Shape (rows,), one at least.
+            Mask of the rows that are counted, at least one, shape (rows,).
         what
-            What is reported of these rows: the end of the sentence.
+            The words after their number, as "rows are left out".
         """
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
         return f"{int(rows.sum())} {what} (first in {first})"
@@ -285,7 +290,7 @@ class TableColumns:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names as a message lists them."""
+    """Join names for a message: the first 30 of them, each shortened, and the number of the others."""
     text = ", ".join(clipped(name) for name in names[:_MOST_NAMES])
     more = len(names) - _MOST_NAMES
     return f"{text} and {more} more" if more > 0 else text
@@ -294,17 +299,20 @@ def listed(names: Sequence[str]) -> str:
 def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
     """Read every column of a table, and check it cell by cell.
 
+    Problems are collected in `TableColumns.found` of the result; its `contact` is not set yet.
+
     Parameters
     ----------
     grid
         The cells.
     mapping
-        Headers that the user has named: the table's header by our name of the quantity.
+        Columns that the user has named: the table's header by our name of the quantity, with its unit if
+        the header has none (`--map`).
 
     Raises
     ------
     MeasurementsError
-        Where there is no table.
+        If there is no table, or no row of measurements is left.
     """
     grid = upright(grid)
     try:
@@ -364,12 +372,12 @@ def _in_its_unit(heading: Heading) -> bool:
 
 
 def _is_nobodys(heading: Heading) -> bool:
-    """Whether a column is of no quantity that is known here."""
+    """Whether neither the header of a column nor its name is one that is known here."""
     return heading.rank == UNKNOWN and heading.name not in {*COLUMNS, *TEXTS}
 
 
 def _begin(columns: TableColumns, layout: Layout) -> None:
-    """Take the first filled column of a layout as that by which people know the rows."""
+    """Take the first column that is not empty as the one whose cells messages repeat to show a row."""
     filled = (i for i, column in enumerate(layout.columns) if not all(map(is_blank, column)))
     at = next(filled, 0)
     columns.begins, columns.first = layout.columns[at], layout.headers[at]
@@ -385,8 +393,8 @@ def _headings(
 ) -> dict[int, Heading]:
     """The heading of each column, by its position; what is wrong is added to the problems.
 
-    Of several columns of one quantity the one that the user mapped is it, else the one that has
-    our own name; the others stay columns of their own.
+    Of several columns of one quantity, the one with the lowest `Heading.rank` is taken: the one that the user
+    mapped, else the one with our own name. The others keep their headers as names.
     """
     wanted = _mapped(layout, mapping, columns) if mapping else {}
     found: dict[int, Heading] = {}
@@ -448,7 +456,7 @@ def _say_given(heading: Heading, row: str | None, columns: TableColumns) -> None
 
 
 def _mapped(layout: Layout, mapping: Mapping[str, str], columns: TableColumns) -> dict[int, str]:
-    """Our name by the position of the column that the user says it is."""
+    """Our names of the columns that the user has mapped, by position; problems are added to `columns`."""
     wanted = dict[int, str]()
     for ours, theirs in mapping.items():
         exact = [i for i, text in enumerate(layout.headers) if text == theirs.strip()]
@@ -469,7 +477,7 @@ def _mapped(layout: Layout, mapping: Mapping[str, str], columns: TableColumns) -
 
 
 def _settle(found: dict[int, Heading], columns: TableColumns) -> None:
-    """Leave one column of each quantity, and give the others their own names."""
+    """Leave one column of each quantity, others get their header as name; two of equal rank are a problem."""
     by_name: dict[str, list[int]] = {}
     for position, heading in found.items():
         by_name.setdefault(heading.name, []).append(position)
@@ -525,7 +533,7 @@ def _take(columns: TableColumns, heading: Heading, parsed: Numbers | None) -> No
 def _take_numbers(
     columns: TableColumns, heading: Heading, parsed: Numbers, spec: ColumnSpec
 ) -> None:
-    """Numbers of a column in SI units, each within the range of its kind."""
+    """Take a column's numbers in SI units; those out of the range of its kind are a problem, and NaN."""
     name, unit = heading.name, heading.unit
     expected, values = spec.unit or None, parsed.values
     try:
@@ -559,7 +567,11 @@ def _take_numbers(
 
 
 def weigh(columns: TableColumns) -> None:
-    """Convert loads that are written as masses to weights, under the gravity that the table states."""
+    """Convert loads that are written as masses to weights, under the gravity in the table's own column.
+
+    `columns` is changed; nothing changes if loads are forces or there is no such column, and a row without a
+    gravity keeps the weight under the standard one.
+    """
     load = columns.headings.get("load")
     if load is None or not is_mass(load.unit) or not columns.read(GRAVITY_COLUMN):
         return
@@ -578,16 +590,18 @@ def check_range(
 ) -> None:
     """Add a problem if values are impossible for a wheel or plate.
 
+    A diameter or width whose header has no unit must be usual for a small wheel, too: else it is hardly in m.
+
     Parameters
     ----------
     columns
         The table's columns, to which the problem is added.
     name, spec
-        Our name of the column, and what its values may be.
+        Our name of the column, and the range of its values.
     values
-        SI units, shape (rows,).
+        Values of the column, SI units, shape (rows,).
     rows
-        Rows that are checked, shape (rows,).
+        Mask of the rows that are checked, shape (rows,).
     """
     no_unit = columns.headings[name].unit is None
     bad = spec.bad(values) & rows
@@ -628,7 +642,9 @@ def _check_cells(columns: TableColumns, name: str, parsed: Numbers) -> None:
 
 
 def take_size(columns: TableColumns, name: str, size: float) -> None:
-    """Set a diameter or width for all rows.
+    """Set the diameter or width that the user gave for all rows.
+
+    It is a problem if the size is impossible, or the table has such a column too.
 
     Parameters
     ----------
@@ -649,7 +665,7 @@ def take_size(columns: TableColumns, name: str, size: float) -> None:
 
 
 def _say(columns: TableColumns, parsed: Iterable[Numbers]) -> None:
-    """Say in one line each what was understood of the headers and the cells."""
+    """Add a sentence to `columns.understood` for each header that was interpreted, and on marks in cells."""
     parsed = list(parsed)
     for heading in columns.headings.values():
         unit = f" [{shown_unit(heading.unit)}]".replace(" []", "")

@@ -47,9 +47,9 @@ _FEWEST = 3  # degrees of freedom below which a spread says nothing
 
 
 def one_row_a_wheel(data: Measurements) -> bool:
-    """Whether runs have several named wheels with one row each, as on a vehicle.
+    """Whether runs have one row for each of several named wheels, as on a vehicle.
 
-    The runs of a table that `replay` writes are such: each is one stretch of the drive.
+    So have the tables that `replay` writes, where a run is a stretch of the drive.
     """
     if not data.wheels_given:
         return False
@@ -89,7 +89,7 @@ def varied_settings(measurements: Measurements) -> dict[str, Array]:
 
 
 def _tolerances(measurements: Measurements, wheels: bool) -> list[tuple[Array, float]]:
-    """Each column that was set, texts as codes, and how far two values of one setting may differ.
+    """Columns of the settings, texts as codes, and the largest difference of two values of one setting.
 
     wheels: whether the wheel's name is a part of the setting.
     """
@@ -112,18 +112,23 @@ def _tolerances(measurements: Measurements, wheels: bool) -> list[tuple[Array, f
 
 
 def cluster(values: Array, tolerance: float) -> Index:
-    """Group values into codes, numbered in rising order: values of one code differ by `tolerance` at most.
+    """Group values that are close to each other; values of one group differ by `tolerance` at most.
 
     Neighbours are joined over the narrowest gap first, while the span allows (complete linkage in one
-    dimension). Values that are close to each other and far from all others thus always get one code,
-    where a fixed grid of bins would split some of them. NaN has code -1.
+    dimension). Values that are close to each other and far from all others thus always are one group,
+    where a fixed grid of bins would split some of them.
 
     Parameters
     ----------
     values
         Shape (values,).
     tolerance
-        Largest difference within a code, in the unit of the values.
+        Largest difference within a group, in the unit of the values.
+
+    Returns
+    -------
+    ndarray of int
+        Number of each value's group, rising with the values from 0, shape (values,); -1 for NaN.
     """
     codes = np.full(values.size, -1, dtype=np.intp)
     known = np.isfinite(values)
@@ -154,10 +159,11 @@ def _combined(columns: Iterable[Index]) -> Index:
 
 
 def settings_of_rows(measurements: Measurements) -> Index:
-    """Code of each row's setting, shape (rows,): 0, 1, ... in the order of first appearance.
+    """Number of each row's setting, shape (rows,): 0, 1, ... in the order of first appearance.
 
-    Rows with one code agree within the tolerances above in everything that was set. Of wheels of
-    one vehicle the name is no part of the setting. A blank covariate agrees with blank only.
+    Rows with one number agree in everything that was set, within the tolerances of this module's docstring.
+    The names of the wheels of one vehicle are no part of the setting. A blank covariate agrees with blank
+    only.
     """
     wheels = measurements.wheels_given and not one_row_a_wheel(measurements)
     return _combined(cluster(*column) for column in _tolerances(measurements, wheels))
@@ -187,9 +193,9 @@ def setting_codes(measurements: Measurements) -> Index:
 def _set_points(values: Array, tolerance: float) -> Index:
     """Codes of the values that were meant to be equal, shape (rows,); NaN has code -1.
 
-    Readings of one set point scatter, and set points lie apart: values within the tolerance are one
-    where all groups of such are further from each other than `_APART` times the widest is wide. Of a
-    sweep or a curve that does not hold, and only equal values are one.
+    Readings of one set point scatter, and set points lie apart. So neighbours within the tolerance get one
+    code, if every group of them lies further from the next than `_APART` times the width of the widest. In a
+    sweep or a curve that does not hold, and only equal values get one code.
     """
     known = np.flatnonzero(np.isfinite(values))
     order = known[np.argsort(values[known])]
@@ -211,9 +217,9 @@ def ends_of_runs(values: Array, run: Index, count: int) -> tuple[Array, Array]:
     Parameters
     ----------
     values
-        Shape (rows,); NaN is left out.
+        Values of a column, shape (rows,); NaN is ignored.
     run
-        Number of each row's run, shape (rows,).
+        Number of each row's run, from 0, shape (rows,).
     count
         Number of runs.
     """
@@ -224,9 +230,9 @@ def ends_of_runs(values: Array, run: Index, count: int) -> tuple[Array, Array]:
 
 
 def repeats_of_rows(measurements: Measurements) -> Index:
-    """Index of each row's run where the run's rows are repeats of one setting, else -1.
+    """Number of each row's run if the run's rows are repeats of one setting, else -1; shape (rows,).
 
-    A run of which any setting varies by more than its tolerance is a curve or a sweep: its rows
+    A run in which any setting varies by more than its tolerance is a curve or a sweep: its rows
     are not repeats, and neighbours among them show nothing of the repeatability.
     """
     names, run = runs_of_rows(measurements)
@@ -238,16 +244,16 @@ def repeats_of_rows(measurements: Measurements) -> Index:
 
 
 def curves_of_rows(tracks: Sequence[Array], other: Callable[[int, int], bool]) -> Index:
-    """Number of each row's curve, shape (rows,), in a table that lists one curve after the other.
+    """Number of each row's curve, from 0, shape (rows,), in a table that lists one curve after the other.
 
     Parameters
     ----------
     tracks
         Quantities that rise along a curve, shape (rows,) each. A new curve begins where all of them fall
-        below half of the largest value that they had reached.
+        below half of the largest value that each has reached in the curve.
     other
-        Takes the numbers of two rows; says whether the second cannot belong to a curve that begins with the
-        first.
+        Takes the indices of a curve's first row and of a later one; returns whether the later one cannot
+        belong to that curve.
     """
     curve = np.zeros(len(tracks[0]), dtype=np.intp)
     first, reached = 0, [track[0] for track in tracks]
@@ -295,13 +301,13 @@ class Part:
     Attributes
     ----------
     by
-        The column, as "slip".
+        Name of the column, as "slip".
     label
         Its values in words, as "0.2 to 0.4".
     rows
         Mask of the rows, shape (rows,).
     range
-        Smallest and largest value of a numeric column, SI; empty for a text.
+        Limits of a numeric column, SI: one value if the column has few, else two; empty for a text.
     """
 
     by: str
@@ -311,7 +317,7 @@ class Part:
 
 
 def parts(measurements: Measurements) -> list[Part]:
-    """The rows split by soil, wheel, contact and each setting that was varied."""
+    """Parts of the rows: split by soil, by wheel, by contact and by each setting that was varied."""
     texts = {
         "soil": measurements.soil,
         "wheel": _wheels(measurements),
@@ -338,7 +344,10 @@ def _wheels(measurements: Measurements) -> NDArray[np.str_]:
 
 
 def levels(values: Array) -> Array | None:
-    """The different values of a column that has few, else None."""
+    """The different values of a column that has at most five, rising, shape (values,); else None.
+
+    Values within 4 % of the column's range count as one, their mean. At least one value must be finite.
+    """
     known = values[np.isfinite(values)]
     code = cluster(known, OF_RANGE * float(np.ptp(known)))
     if code.max() >= _FEW_VALUES:

@@ -23,9 +23,9 @@ SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
 # Pa: a load over the area of a plate, or over diameter times width of a wheel. The lightest rover's wheel has
 # 300 (5 N on 200 x 80 mm), and no soil bears more than a heavy vehicle's tyre presses with.
 _LIGHTEST, _HEAVIEST = 50.0, 1e6
-_FOLLOWS = 0.9  # of pairs of runs, those that rise less those that fall with the order
+_FOLLOWS = 0.9  # share of pairs of runs that rise with the order, less that of those that fall
 _ORDERED = 6  # runs: fewer follow an order by chance
-_MOST_PAIRED = 1000  # runs whose order is looked at
+_MOST_PAIRED = 1000  # runs at most whose order is compared
 _SLIP_LIMIT = 0.95
 _STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
 _OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
@@ -110,7 +110,7 @@ def suspicions(data: Measurements) -> Iterator[str]:
 
 
 def _kilonewtons(data: Measurements) -> str:
-    """That all loads in N are as small as kilonewtons would be, with both readings; "" where they are not."""
+    """A sentence if all loads, read as N, are so small that they are likely in kN; "" if not."""
     c = data.conditions
     width = np.where(c.contact == PLATE, np.pi / 4.0 * c.diameter, c.width)
     pressure = c.load / (c.diameter * width)
@@ -126,13 +126,13 @@ def _kilonewtons(data: Measurements) -> str:
 
 
 def _swept(values: Array, run: Index) -> bool:
-    """Whether most runs sweep a setting, as the load of a curve: what stands first in each is no setting."""
+    """Whether a setting is swept within most runs, as load in a curve: a run then has no one value of it."""
     low, high = ends_of_runs(values, run, int(run.max()) + 1)
     return bool(np.mean(high - low > (_STEADY_LOAD - 1.0) * np.abs(low)) > 0.5)
 
 
 def order_followed(data: Measurements) -> str:
-    """Settings that rise or fall with the order of runs, so that a drift looks like them; empty if none."""
+    """A sentence if settings follow the order of the runs, so that a drift could look like them; else ""."""
     times = order_columns(data)
     _, run = runs_of_rows(data)
     first = np.unique(run, return_index=True)[1]
@@ -164,9 +164,10 @@ def order_followed(data: Measurements) -> str:
 
 
 def _together(before: Array, values: Array) -> float:
-    """Pairs that rise with an order less those that fall, over all that differ (gamma); 0 of none.
+    """Goodman and Kruskal's gamma of values with an order: pairs that rise less those that fall, over both.
 
-    before: sign of the order of each pair, shape (runs, runs), 0 of pairs that are not compared.
+    before: sign of the order of each pair, shape (runs, runs); 0 for pairs that are not compared. values:
+    shape (runs,). 0 if no pair differs.
     """
     signs = before * np.sign(values[:, None] - values)
     pairs = float(np.nansum(np.abs(signs)))

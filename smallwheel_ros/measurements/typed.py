@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 _MOST = 100_000
 _EXPECTED = "a number, start:stop:step or a list a,b,c"
-_UNITS = {"compliance": "m/N"}  # of what is no column
-# A number as a cell may have it, and what stands behind it.
+_UNITS = {"compliance": "m/N"}  # of arguments that are no column
+# A number as a cell may have it, and what follows it.
 _NUMBER = re.compile(
     r"\s*([-+\u2212\u2012\u2013]?[0-9]*(?:[ '\u2019\u00a0\u202f][0-9]{3}(?![0-9]))*[0-9.,]*"
     r"(?:(?<=[0-9.,])[eE][-+]?[0-9]+)?)(.*)",
@@ -57,16 +57,17 @@ def check_setting(name: str) -> None:
 
 
 class Typed(NamedTuple):
-    """A setting as typed.
+    """The values of a setting, read from what the user typed.
 
     Attributes
     ----------
     values
         SI units, shape (values,).
     said
-        Sentence for the user: a mass was taken as its weight, or a comma as a decimal mark; else empty.
+        Sentence for the user if a mass was taken as its weight or a comma as a decimal mark; else empty.
     mass
-        Whether it was a mass, whose weight depends on gravity.
+        Whether a mass was typed for a force; `values` are its weight, under the standard gravity unless it
+        comes from `weighed`.
     """
 
     values: Array
@@ -75,14 +76,21 @@ class Typed(NamedTuple):
 
 
 def levels_of(name: str, value: Setting) -> Typed:
-    """Values of a setting in SI units.
+    """Values of a setting in SI units, from numbers or a text.
 
     Parameters
     ----------
     name
         Name of the setting.
     value
-        A number, several, or a text as `typed` takes it.
+        One or several numbers in SI units, or a text that `typed` can read.
+
+    Raises
+    ------
+    ArgumentError
+        If it is neither, or has no value.
+    RangeError
+        If `typed` cannot read the text.
     """
     if isinstance(value, str):
         return typed(name, value, unit_of(name) or None)
@@ -96,9 +104,10 @@ def levels_of(name: str, value: Setting) -> Typed:
 
 
 def weighed(levels: Mapping[str, Typed]) -> dict[str, Typed]:
-    """Loads that were typed as masses, converted to weights under a gravity that was typed.
+    """The settings by name, with a load that was typed as a mass converted under the gravity that was typed.
 
-    Raises RangeError if several gravities were typed, or one out of range.
+    Without a setting `gravity` nothing changes. Raises RangeError if a gravity is out of range, or if there
+    are several and the load is a mass.
     """
     found = dict(levels)
     if GRAVITY_COLUMN not in levels:
@@ -121,14 +130,14 @@ def weighed(levels: Mapping[str, Typed]) -> dict[str, Typed]:
 
 
 def number_of(name: str, given: float | str) -> Typed:
-    """One number in SI units.
+    """Read one number, in SI units: `values` of the result has shape (1,).
 
     Parameters
     ----------
     name
-        Name of the setting, which an error names.
+        Name of the setting, which errors repeat.
     given
-        A number, or a text with a unit.
+        A number in SI units, or a text with a unit.
 
     Raises
     ------
@@ -148,25 +157,25 @@ def number_of(name: str, given: float | str) -> Typed:
 def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Typed:
     """Read the values of a setting that a user typed, in SI units.
 
-    The forms are `a`, `a,b,c`, `start:stop:step` (stop included) and `low..high` (which includes the middle),
+    The forms are `a`, `a,b,c`, `start:stop:step` (stop included) and `low..high` (both ends and the middle),
     followed by a unit unless it is SI. A comma separates values; it is a decimal mark only where a list is
     impossible: in a single value, and between semicolons.
 
     Parameters
     ----------
     name
-        Name of the option, which an error names.
+        Name of the option, which errors repeat.
     text
-        As it was typed.
+        What the user typed.
     unit
         The SI unit of the values; None if any unit will do.
     several
-        Whether several values are allowed.
+        Whether commas may separate values; if not, every comma is a decimal mark.
 
     Raises
     ------
     RangeError
-        If the text has none of these forms.
+        If the text has none of these forms, or its unit is unknown or of another dimension.
     """
     text = text.strip()
     if not several:
@@ -186,7 +195,7 @@ def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Ty
 
 
 def _is_list(name: str, text: str, values: Array) -> bool:
-    """Whether a text with commas can be a list: 0,05 is not written for 0 and 5."""
+    """Whether a text with commas can be a list: values are allowed, and none begins with a 0 as in 0,05."""
     return _allowed(name, values) and re.search(r",0[0-9]", text) is None
 
 
@@ -197,9 +206,10 @@ def _allowed(name: str, values: Array) -> bool:
 def _reading(
     name: str, text: str, unit: str | None, separator: str, expected: str = _EXPECTED
 ) -> Typed:
-    """Values as `typed` has them.
+    """Values of a text, as `typed` returns them.
 
-    separator: what separates values; where it is no comma, commas are decimal marks.
+    separator: what separates values; where it is no comma, commas are decimal marks. expected: the forms that
+    an error names.
     """
     pieces = [re.split(r"(:|\.\.)", piece) for piece in text.split(separator)]
     ends = [_NUMBER.fullmatch(end) for piece in pieces for end in piece[::2]]
@@ -261,16 +271,16 @@ def _expanded(name: str, piece: Sequence[str], ends: Sequence[float]) -> Array:
 def limits_of(
     can: Levels | None, measurements: Measurements, told: Callable[[str], object] = unheard
 ) -> dict[str, list[float]]:
-    """Convert the levels that a user can set to SI units, by setting.
+    """Values that a user can set in the next measurements, in SI units, by name of the setting.
 
     Parameters
     ----------
     can
-        Levels by name of a setting; None if none are given.
+        Values by name of the setting, as numbers or as a text for `typed`; None: no settings.
     measurements
         The table, which must have these settings.
     told
-        Called with a sentence if a level was interpreted in a way that the user should know.
+        Called for each setting with `Typed.said`, which is empty where nothing was interpreted.
 
     Raises
     ------

@@ -42,7 +42,7 @@ _MOST_COLUMNS = 16_384  # as of Excel and LibreOffice
 _MOST_MEMORY = 2 * 2**30  # bytes that calamine may take
 _FAR = f"expected at most {MOST_CELLS} cells: delete what stands far from the table, or {SMALLER}"
 _SAVE_XLSX = "save it as xlsx, which keeps them apart, and read that"
-# What calamine does not tell of an ods, and the words for it.
+# What an ods has and calamine does not report, with the words for it.
 _LOST = (
     (rb'office:value-type="percentage"', f"has cells shown in per cent: {_SAVE_XLSX}"),
     (rb'calcext:value-type="error"', "has errors of formulas: mend them, or leave the cells blank"),
@@ -54,7 +54,7 @@ _MERGED = re.compile(rb'<mergeCell [^>]*ref="([A-Z]+[0-9]+:[A-Z]+[0-9]+)"')
 
 
 class _Book(NamedTuple):
-    """A workbook: its sheets, those that are hidden, and of one its rows and its merged ranges."""
+    """A workbook: names of all sheets, of the hidden ones; rows and merged cells of a sheet, by its name."""
 
     names: list[str]
     hidden: list[str]
@@ -68,14 +68,14 @@ def workbook_grid(data: bytes, wanted: str | None) -> CellGrid:
     Parameters
     ----------
     data
-        The file's content.
+        Content of the file.
     wanted
-        Name of the sheet; None: the one that has the table.
+        Name of the sheet, or its number from 1; None: the only visible sheet that has a table.
 
     Raises
     ------
     MeasurementsError
-        Where there is no such sheet, or several have tables.
+        If the workbook is damaged or too large, there is no such sheet, or not exactly one has a table.
     """
     try:
         parts = _parts(data) if data.startswith(b"PK") else {}
@@ -115,7 +115,7 @@ def workbook_grid(data: bytes, wanted: str | None) -> CellGrid:
 
 
 def _chosen(book: _Book, wanted: str | None) -> str:
-    """The name of the sheet that was asked for, else of the only one that has a table."""
+    """Name of the sheet that was asked for, else of the only one that has a table."""
     listed = ", ".join(f"'{clipped(name)}'" for name in book.names[:30])
     if wanted is not None:
         called = {str(i): name for i, name in enumerate(book.names, start=1)}
@@ -139,7 +139,7 @@ def _chosen(book: _Book, wanted: str | None) -> str:
 
 
 def _parts(data: bytes) -> dict[str, bytes]:
-    """The XML of a workbook by its name; refused where it unpacks to more than a table needs."""
+    """The XML files of a workbook, by name; raises MeasurementsError if they are too large or damaged."""
     archive = zipfile.ZipFile(io.BytesIO(data))
     members = archive.infolist()
     size, tags = sum(member.file_size for member in members), 0
@@ -252,7 +252,7 @@ def _xls_or_ods(data: bytes) -> _Book:
 
 
 def _refuse_lost(content: bytes, name: str) -> None:
-    """Refuse the sheet of an ods in which cells are not what calamine says they are."""
+    """Raise MeasurementsError if the sheet of an ods has cells that calamine does not report as they are."""
     for table in re.findall(rb"<table:table .*?</table:table>", content, re.DOTALL):
         called = re.search(rb'table:name="([^"]*)"', table)
         if called is not None and called[1].decode() == name:
