@@ -57,7 +57,7 @@ from smallwheel_ros.replay.tables import (
 )
 
 Progress = Callable[[int, int], object]
-Report = Callable[[Replayed, Path], object]  # writes a page of what is in the folder of that path
+Report = Callable[[Replayed, Path], object]  # writes a page on the result into the folder
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
 _HINT = (
     "header stamps are far from the times of recording, so most messages were refused, as the node"
@@ -80,7 +80,13 @@ def replay(
     progress
         Called from time to time with the number of messages done and their total.
     report
-        Writes a page, before the replay counts as done.
+        Called with the result and the folder in which it is being prepared, to write a page into that folder
+        before the replay counts as done.
+
+    Returns
+    -------
+    Replayed
+        The result; its files are in the spec's folder.
 
     Raises
     ------
@@ -160,7 +166,7 @@ class _Drive:
         self._notes += [text for text in (restored, remembered) if text]
 
     def save_soil(self) -> str:
-        """Save the soil where the spec says; return in words what came of it, empty where it says nothing."""
+        """Save the soil into the spec's soil file; return what was done, in words, empty without a file."""
         if self._spec.soil_file is None:
             return ""
         saved, words = self._soil_file.save(self._pipeline, self._ground.map)
@@ -313,7 +319,7 @@ class _Drive:
             self._bag.write_grids(grids, stamp, time)
 
     def write_map(self, path: Path) -> None:
-        """Write all that was crossed, also what the window has left behind, for map_server."""
+        """Write all crossed ground, inside and outside the window, as a map for map_server."""
         whole = self._ground.map.spread_whole()
         if whole is not None:
             write_map(path, whole)
