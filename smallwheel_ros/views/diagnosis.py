@@ -87,9 +87,9 @@ def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) 
     found
         The diagnosis.
     pictures
-        Whether to draw.
+        Whether to make the block of `models`, which takes some fits, if it is not given.
     models
-        The block in which effects are set and unset; the steps to the verdict if not given.
+        Block in which effects can be set and unset; if not given, one with the steps to the verdict.
     """
     document, data = found.document, found.measurements
     models = models_block(found) if pictures and models is None else models
@@ -112,16 +112,16 @@ def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) 
 
 
 def draw(axes: Axes, found: Diagnosis, channel: str | None = None) -> None:
-    """Draw the held-out error of a channel after each step.
+    """Draw the held-out error of a channel after each effect that was added, as bars.
 
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     found
         The diagnosis.
     channel
-        The first one if not given.
+        Name of the channel, such as `sinkage`; the first one if not given.
     """
     panels = {panel.title: panel for panel in stairs(found.document)}
     draw_panel(axes, panels[words(channel)] if channel else next(iter(panels.values())))
@@ -263,7 +263,7 @@ def _ranking(rows: Sequence[Row], named: Sequence[str]) -> Table:
 
 
 def _doubts(reason: str) -> str:
-    """What a reason says other than probability and verdict, which have columns."""
+    """The parts of a reason other than probability and verdict, which have their own columns."""
     parts = [
         part.partition(": ")[2] if part.startswith("probability") else part
         for part in (reason or "").split("; ")
@@ -273,7 +273,7 @@ def _doubts(reason: str) -> str:
 
 
 def _numbers(ranking: Sequence[Row]) -> list[Row]:
-    """The fitted numbers of effects; a curve without a name has its picture."""
+    """Rows of the fitted numbers of effects; curves that stand for no known effect have a figure instead."""
     return [
         {"owner": row["effect"], "form": row["form"], "name": name} | p
         for row in ranking
@@ -339,7 +339,7 @@ def _of(channel: str) -> Column:
 
 
 def _what_is_left(document: Document) -> list[Block]:
-    """What the best explanation leaves over each setting and in each group of rows."""
+    """Mean residuals of the best explanation over each setting and in each group of rows."""
     if document["verdict"] not in ("unknown_effect", "adequate"):
         return []
     rows = [
@@ -370,7 +370,7 @@ def _off(part: Row) -> str:
 
 
 def _curve(curve: Row) -> Panel:
-    """The factor of something without a name over the setting that it follows."""
+    """A plot of a fitted curve that stands for no known effect, over the setting that it depends on."""
     across = display(curve["setting"], unit_of(curve["setting"]))
     x = [across.scale * value for value in curve["x"]]
     none = Layer("line", (x[0], x[-1]), (1.0, 1.0), colour="base")
