@@ -366,7 +366,7 @@ class BagReader:
             yield BagMessage(topic, kind, time, message)
 
     def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        """Messages as serialised bytes; otherwise as `messages` yields them."""
+        """Yield messages as serialised bytes; otherwise as `messages` yields them."""
         return self._stream(self._wanted(topics))
 
     def _wanted(self, topics: Collection[str] | None) -> dict[Key, Connection]:

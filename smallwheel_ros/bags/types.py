@@ -103,7 +103,13 @@ class DefinitionError(SmallwheelError):
 
 
 class Definitions:
-    """The message types of one bag; `ros2` is False for a bag of ROS 1."""
+    """The message types of one bag.
+
+    Parameters
+    ----------
+    ros2
+        Whether it is a bag of ROS 2; otherwise it is one of ROS 1.
+    """
 
     def __init__(self, ros2: bool) -> None:
         self.ros2 = ros2

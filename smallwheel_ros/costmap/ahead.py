@@ -113,7 +113,9 @@ class GroundAhead:
         return UNKNOWN if grid is None or cell is None else int(grid.cells[cell])
 
     def stuck_at(self, frame: str, places: Iterable[tuple[float, float]]) -> None:
-        """Set the places where the vehicle got stuck and has not got through since, for their classes.
+        """Count places where the vehicle got stuck and has not got through since, for their terrain classes.
+
+        They replace those of the last call. Without a grid of classes nothing is done.
 
         Parameters
         ----------

@@ -281,7 +281,7 @@ class CostMap:
     def grids(self) -> CostGrids | None:
         """Return the present costs; None until the vehicle's position is known.
 
-        With terrain classes the cells are theirs, else the window's.
+        The cells are those of the grid of terrain classes if there is one, otherwise those of the window.
         """
         bare = self._laid()
         self.changed, self._given = False, self._pose
@@ -366,7 +366,7 @@ class CostMap:
 
     @property
     def in_other_frame(self) -> bool:
-        """Whether the classes' grid is in another frame than positions."""
+        """Whether the grid of terrain classes is in another frame than the positions."""
         classes = self.ahead.class_grid
         return classes is not None and bool(self.frame) and classes.frame != self.frame
 
@@ -376,7 +376,7 @@ class CostMap:
 
     @property
     def problem(self) -> str:
-        """Why an input cannot be used, in words; empty where all can."""
+        """Why inputs cannot be used, in words; empty if all can."""
         found = []
         classes, elevation, old = self.ahead.class_grid, self.ahead.elevation, self.remembered
         if classes is not None and self.in_other_frame:

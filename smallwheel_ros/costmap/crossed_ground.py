@@ -211,7 +211,7 @@ class CrossedGround:
         self._travel = np.full(self._cells.shape, -np.inf, dtype=np.float32)  # when it was crossed
 
     def follow(self, x: float, y: float) -> bool:
-        """Move the window, if necessary, so that a place is not within a quarter of its side of its edge.
+        """Centre the window on a place if that is closer to the window's edge than a quarter of its side.
 
         Parameters
         ----------

@@ -42,8 +42,12 @@ class Elevation:
 
     Attributes
     ----------
-    frame, resolution, origin
-        As in a `Grid`.
+    frame
+        Name of the frame.
+    resolution
+        Side of a cell, m.
+    origin
+        x and y of the corner of cell [0, 0] with the smallest x and y, m.
     slope, deviation
         Tangent of the steepest direction, and its standard deviation; shape (rows along y, columns
         along x), NaN where they are not known.
@@ -69,7 +73,7 @@ def elevation_from(message: Any, layer: str, length: float, names: Sequence[str]
     layer
         Name of the layer of elevations, m.
     length
-        Length of the vehicle, m.
+        Length of the vehicle, m, over which slopes are determined.
     names
         Names of terrain classes: layers of such a name are probabilities of the class.
 

@@ -55,12 +55,12 @@ class Pose(NamedTuple):
         Parameters
         ----------
         ahead, left
-            The point, m, any shape.
+            Coordinates of the point in base_link, forward and to the left, m, any shape.
 
         Returns
         -------
         x, y : ndarray or float
-            m, same shape.
+            Coordinates of the point in the frame of this pose, m, same shape.
         """
         cosine, sine = math.cos(self.heading), math.sin(self.heading)
         return self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left
@@ -119,7 +119,7 @@ class Grid:
 
     @property
     def geometry(self) -> tuple[str, float, tuple[float, float], tuple[int, ...]]:
-        """Where the cells are; equal for grids whose cells coincide."""
+        """Frame, resolution, origin and shape of the cells: equal for grids whose cells coincide."""
         return self.frame, self.resolution, self.origin, self.cells.shape
 
     def cell(self, x: float, y: float) -> tuple[int, int] | None:
@@ -401,7 +401,7 @@ def map_files(path: Path, grid: Grid) -> dict[Path, bytes]:
 
 
 def digest_of(grid: Grid) -> str:
-    """SHA-256 of a grid, the same after it was written and read again."""
+    """SHA-256 (hexadecimal) of a grid, the same after the grid was written and read again."""
     place = grid.frame, float(grid.resolution), *map(float, grid.origin[:2]), *grid.cells.shape
     return hashlib.sha256(f"{place}".encode() + grid.cells.astype(np.int8).tobytes()).hexdigest()
 

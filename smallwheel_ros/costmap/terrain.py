@@ -138,7 +138,7 @@ class TerrainSettings:
 
     @property
     def without_prior(self) -> str:
-        """Name the classes whose names imply no prior; empty where all do."""
+        """A sentence on the classes whose names have no prior; empty if all have one."""
         others = [name for name in self.names or () if name not in PRIORS]
         if not others:
             return ""
@@ -275,7 +275,7 @@ class TerrainClasses:
         return {terrain: met.margin for terrain, met in self._expected().items()}
 
     def most(self) -> dict[int, Quantity]:
-        """Largest margin at any slip, instead of that at the reference slip, as in `margins`."""
+        """Largest margin at any slip to expect at a new place of each class in `margins`, by its number."""
         return {terrain: met.most for terrain, met in self._expected().items()}
 
     def _expected(self) -> dict[int, Met]:

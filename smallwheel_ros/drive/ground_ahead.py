@@ -27,7 +27,7 @@ class AheadInputs:
     cost_map
         Map that takes terrain classes and slopes.
     report
-        Called for a message that cannot be used with its topic, a reason and the problem in words.
+        Called with the topic, the reason and the problem in words, for each message that cannot be used.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ class Statement(NamedTuple):
     entry
         Entry of the node's diagnostics that it belongs to.
     kind
-        What it is about.
+        Kind of the report, one of `Kind`.
     is_error
         Whether it is an error; otherwise it is a warning.
     text

@@ -126,17 +126,17 @@ class Conditions:
 
     @cached_property
     def rolling(self) -> NDArray[np.bool_]:
-        """Rows of a wheel that rolls."""
+        """Mask of the rows of a wheel that rolls, shape (rows,)."""
         return self._contact_is(ROLLING)
 
     @cached_property
     def pressed(self) -> NDArray[np.bool_]:
-        """Rows of a wheel that is pressed straight down."""
+        """Mask of the rows of a wheel that is pressed straight down, shape (rows,)."""
         return self._contact_is(PRESSED)
 
     @cached_property
     def plate(self) -> NDArray[np.bool_]:
-        """Rows of a round flat plate."""
+        """Mask of the rows of a flat plate, shape (rows,)."""
         return self._contact_is(PLATE)
 
     def _contact_is(self, contact: str) -> NDArray[np.bool_]:

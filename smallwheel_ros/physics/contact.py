@@ -90,7 +90,7 @@ class ContactSinkage(NamedTuple):
     slope_load
         d ln z / d ln(W / K), with the load W and the modulus K, to about 1e-8.
     slope_exponent
-        d ln z / dn at constant W and K, to about 1e-8; NaN if it was not requested.
+        d ln z / dn at constant W and K, to about 1e-8; NaN without `with_exponent` of `contact_sinkage`.
     """
 
     sinkage: Array

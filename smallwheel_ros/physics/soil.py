@@ -64,7 +64,7 @@ class Soil:
         mu of `stresses`, above 0, at most 2: friction of a driven bare rim on the soil, over the soil's own.
     pressure_peak
         c2 of `stresses`, 0 to 0.9: angle of the largest pressure at slip 1, as a share of the entry angle.
-        The defaults of these three are medians of the rigs whose data is public.
+        The defaults of these three are medians over rigs.
 
     Raises
     ------

@@ -191,16 +191,18 @@ class NewBag(BagWriter):
             self.write(topic, _TWIST, int(times[i]), message)
 
     def is_due(self, what: str, time: int, period: int) -> bool:
-        """Whether a period has passed since this was last due, or time went back; if so, note that it is due.
+        """Whether something that is written at intervals is due, and if so, note the time.
+
+        It is due for the first time, a period after it was last due, and if time went back.
 
         Parameters
         ----------
         what
-            Name of what is written at intervals, such as `soil`.
+            Name of what is written, such as `soil`.
         time
-            Time of what could be written now, ns, on one clock for each name.
+            Present time, ns, always on the same clock for one name.
         period
-            Length of the period, ns.
+            Length of the interval, ns.
         """
         sent = self._sent.get(what)
         due = sent is None or not sent <= time < sent + period

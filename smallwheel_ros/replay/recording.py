@@ -190,7 +190,7 @@ class Recording:
     def log_times(self, stamps: Integers) -> Integers:
         """Log times (ns) at which the newest messages had these stamps (ns), interpolated between turns.
 
-        None is after the newest message read.
+        They are at most the log time of the newest message read.
         """
         known, times = np.array(self._newest or [(self.time, self.time)], dtype=np.int64).T
         since = stamps - known[0]  # as floats, whole nanoseconds of a year are lost

@@ -190,7 +190,7 @@ class _Drive:
         return NewBag(path, self._reader, self.copied, frames, self._settings.base_frame)
 
     def run(self, table: EstimatesTable, bag: NewBag, stop: Stop, progress: Progress) -> Replayed:
-        """Read the bag to its end, its damage, or a signal."""
+        """Read the bag to its end, its damage or a signal to stop, write estimates, and return the result."""
         self._table, self._bag = table, bag
         recording = self._recording
         total = sum(t.message_count for t in self._reader.topics if t.name in self._names)

@@ -272,7 +272,13 @@ def _figures(known: int, rows: int, found: Mapping[str, float]) -> dict[str, flo
 
 
 class TwistsTable:
-    """Rows of the vehicle's twist, written as NAME.csv and, where pyarrow is installed, NAME.parquet."""
+    """Rows of the vehicle's twist, written as NAME.csv and, if pyarrow is installed, NAME.parquet.
+
+    Parameters
+    ----------
+    start
+        Log time at which the column `time` is 0, ns.
+    """
 
     def __init__(self, start: int) -> None:
         self._start = start
@@ -294,19 +300,27 @@ class TwistsTable:
 
 
 class VehicleTable:
-    """Rows of VehicleMobility, written like those of the twist; unknown values are blank, without flags."""
+    """Rows of VehicleMobility, written as NAME.csv and, if pyarrow is installed, NAME.parquet.
+
+    They have no flags of validity: unknown values are blank.
+
+    Parameters
+    ----------
+    start
+        Log time at which the column `time` is 0, ns.
+    """
 
     def __init__(self, start: int) -> None:
         self._start = start
         self._blocks: list[pd.DataFrame] = []
 
     def add(self, stamps: Integers, columns: Mapping[str, Any]) -> None:
-        """Add rows.
+        """Add rows of a turn.
 
         Parameters
         ----------
         stamps
-            Shape (rows,), ns.
+            Stamps of the rows, ns, shape (rows,).
         columns
             Fields of VehicleMobility by name, each of shape (rows,).
         """

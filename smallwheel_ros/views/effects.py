@@ -63,7 +63,7 @@ class View:
 def models_block(
     found: Diagnosis, every: bool = False, progress: Told = lambda done, needed: None
 ) -> Models | None:
-    """Make the block in which a reader of the page sets and unsets effects; it fits models that are needed.
+    """Make the block in which a reader of the page sets and unsets effects, and fit the models for it.
 
     Parameters
     ----------

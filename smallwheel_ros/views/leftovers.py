@@ -104,14 +104,14 @@ def thinned(rows: Index, most: int = _POINTS) -> Index:
     Parameters
     ----------
     rows
-        Indices of rows, rising, shape (n,).
+        Indices of rows, ascending, shape (n,).
     most
         Largest number of rows.
 
     Returns
     -------
     ndarray
-        The chosen indices, rising, shape (min(n, most),); always the same for the same rows.
+        The chosen indices, ascending, shape (min(n, most),); always the same for the same rows.
     """
     if rows.size <= most:
         return rows
