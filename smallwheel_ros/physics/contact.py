@@ -91,6 +91,7 @@ class ContactSinkage(NamedTuple):
         d ln z / d ln(W / K), with the load W and the modulus K, to about 1e-8.
     slope_exponent
         d ln z / dn at constant W and K, to about 1e-8; NaN without `with_exponent` of `contact_sinkage`.
+        Where `sunk_to_axle` holds, both slopes are those at the axle, not those of the extrapolation.
     """
 
     sinkage: Array
