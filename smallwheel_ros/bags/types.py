@@ -113,7 +113,7 @@ class Definitions:
 
     def __init__(self, ros2: bool) -> None:
         self.ros2 = ros2
-        # What a definition of ROS 1 does not define is as ROS 1 has it: its headers have a number.
+        # Types that a bag of ROS 1 does not define are those of ROS 1, whose headers have a sequence number.
         self._standard = typestore() if ros2 else get_typestore(Stores.ROS1_NOETIC)
         self._stores: dict[str, Typestore] = {}
 

@@ -161,7 +161,7 @@ class NodeParameter:
         )  # the other way round 10^400 is an error
 
     def _malformed(self, value: str) -> str | None:
-        """What a text of the parameter's form is, in words, if the value is none; None if it is."""
+        """The form that a text must have, in words, if the value does not have it; None if it has."""
         if not value and self.form != "topic":
             return None
         of_all = self.name.startswith(f"{ALL}.")  # of each wheel by its name

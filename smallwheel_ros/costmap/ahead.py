@@ -177,7 +177,8 @@ class GroundAhead:
         mean, variance = (one.take(self._numbers) for one in table.astype(np.float32))
         if not ahead.classes:
             return mean, variance
-        # Probabilities of several classes: the moments of their mixture; what is left is as without them.
+        # Probabilities of several classes: moments of their mixture; the rest of the probability is for the
+        # cell's class in the grid of classes.
         total = np.maximum(sum(ahead.classes.values(), np.zeros(mean.shape)), 1.0)
         rest = np.ones(mean.shape)
         first, second = np.zeros((2, *mean.shape))
@@ -208,7 +209,7 @@ class GroundAhead:
             index = index.astype(np.intp)
             inside.append((index >= 0) & (index < grid.cells.shape[axis]))
             at.append(index[inside[-1]])
-        # Those inside follow each other.
+        # The indices inside are consecutive.
         rows, columns = (
             slice(int(np.argmax(one)), int(np.argmax(one)) + int(one.sum())) for one in inside
         )

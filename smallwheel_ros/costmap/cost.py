@@ -36,7 +36,7 @@ from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError
 Array = NDArray[np.float64]
 Numbers = NDArray[np.floating[Any]]
 
-PASSABLE = HIGHEST - 1  # the most that what is expected costs
+PASSABLE = HIGHEST - 1  # highest cost of an expectation
 STEEPEST = 2.0  # tangent of a slope: no wheel holds on 63 degrees of any soil
 _EXACT = 1e-9  # standard deviation of a margin that is given as exact
 

@@ -293,7 +293,7 @@ class CostMap:
         return CostGrids(bare, dear)
 
     def _laid(self) -> Grid | None:
-        """All layers, what is expected below what was seen; None without any place."""
+        """All layers in one grid, expectations below crossed ground; None while there is no grid at all."""
         ground, old = self._ground.grid(self.frame), self.remembered
         self.ahead.stuck_at(self.frame, self._ground.stuck_places())
         costs, slopes = self.ahead.by_class(), self.ahead.by_slope()
@@ -312,7 +312,7 @@ class CostMap:
         return costs
 
     def _lay(self, costs: Grid, above: Grid) -> None:
-        """Lay a grid over another one where it is known how their frames lie."""
+        """Lay a grid over another one if the pose of its frame in that of the other is known."""
         if above.frame == costs.frame:
             lay_over(costs, above)
         elif costs.frame == self.frame and above.frame in self._frames:

@@ -327,7 +327,7 @@ class CrossedGround:
         """
         if self._corner is None or not frame:
             return None
-        # What is under the wheels may still change: it is laid down for this copy only.
+        # Strips under the wheels may still change: they are written for this copy only, then taken back.
         under = np.concatenate(
             [np.empty(0, np.intp), *(at for one in self._strips.values() for at in one.at)]
         )

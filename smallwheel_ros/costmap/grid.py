@@ -102,7 +102,7 @@ class Grid:
     cells: Cells
 
     def __post_init__(self) -> None:
-        """Check what a planner checks."""
+        """Check frame, numbers and shape, as planners do."""
         if not self.frame:
             raise CostMapError("the grid has no frame: header.frame_id is empty")
         if not (math.isfinite(self.resolution) and self.resolution > 0):
@@ -227,7 +227,7 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
     if pose.heading == 0.0 and above.resolution >= costs.resolution:
         _lay_coarser(costs, above, pose)
         return
-    # The dearest last: of several that are written to one cell, the last one stays.
+    # The highest last: of several that are written to one cell, the last one stays.
     known = np.flatnonzero(above.cells >= 0)
     known = known[np.argsort(above.cells.ravel()[known], kind="stable")]
     rows, columns = np.divmod(known, above.cells.shape[1])
@@ -407,9 +407,9 @@ def digest_of(grid: Grid) -> str:
 
 
 def read_map(path: Path) -> Grid:
-    """Read what `write_map` has written.
+    """Read a map that `write_map` has written; `path` is the file ending in .yaml.
 
-    Raises CostMapError naming the file, what was found and what was expected.
+    Raises CostMapError that names the file, the mistake and what was expected.
     """
     try:
         content = read_yaml(path)

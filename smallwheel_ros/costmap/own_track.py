@@ -79,7 +79,7 @@ class OwnTrack:
             Cost up to which the way back counts as free (0).
         """
         homes, cells = (one[: len(self._numbers)] for one in (self._homes, self._cells))
-        # The dearest last: of several that are written to one cell, the last one stays.
+        # The highest last: of several that are written to one cell, the last one stays.
         order = np.argsort(homes, kind="stable")
         order = order[homes[order] != HIGHEST]
         homes = np.repeat(np.where(homes[order] <= free, np.int8(0), homes[order]), len(_PARTS))

@@ -149,7 +149,7 @@ class Conditions:
         return name in ("load", "diameter", "width") or name in self.covariates
 
     def __getitem__(self, name: str) -> Array:
-        """The column of that name. Raises ConditionsError naming what there is."""
+        """Return the column of that name. Raises an error that lists the columns if there is none."""
         if name in ("load", "diameter", "width"):
             return np.asarray(getattr(self, name))
         try:

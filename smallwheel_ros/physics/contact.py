@@ -129,7 +129,7 @@ def _value_and_slope(coefficients: Array, ratio: Array) -> tuple[Array, Array]:
 
 
 def _slope_exponent(exponent: Array, coefficients: Array, ratio: Array, value: Array) -> Array:
-    """d ln I / dn: what d ln B / dn adds to each term, over I."""
+    """d ln I / dn, from the derivative d ln B / dn of each term of the series."""
     harmonic, total, power = np.zeros_like(ratio), np.zeros_like(ratio), np.ones_like(ratio)
     for j in range(1, coefficients.shape[0]):
         harmonic += 1.0 / (exponent + (j + 0.5))

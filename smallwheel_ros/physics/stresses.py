@@ -309,7 +309,7 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
     friction = np.where(j > 0.0, rows.rim_friction, 1.0)
     by_peak = None
     if peaked:
-        # At an angle behind the peak the pressure is that of an angle which moves by t t1/t_m^2 with t_m.
+        # Below the peak, at t < t_m, the pressure is that of an angle which moves by t t1/t_m^2 with t_m.
         by_peak, last = np.zeros_like(pressure), slice(-place.size, None)
         fall = -rows.exponent * pressure[last] * np.sin(beyond) / depth[last]
         moves = place * entry / np.where(peaks, top, 1.0) * entry
@@ -345,7 +345,7 @@ def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array
 
 
 def _unsheared(entry: Array, eta: Array, share: Array) -> Array:
-    """Angle at which j is 0 though the rim goes on: where a wheel skids; 0 where there is none.
+    """Angle inside the contact at which j changes its sign, for a wheel that skids; 0 if there is none.
 
     eta (t1 - t) + share (sin t1 - sin t) is concave over t where share < 0: Newton's method from its left end
     does not pass the root.

@@ -144,7 +144,7 @@ def _likeliest(found: Diagnosis) -> str:
 
 
 def _agrees(by_filter: tuple[str, ...]) -> str:
-    """A sentence on what the soil's filter has found; empty where it found nothing."""
+    """A sentence with the remarks of the soil's filter; empty if there are none."""
     return f" The soil's filter, from every reading: {'; '.join(by_filter)}." if by_filter else ""
 
 

@@ -150,7 +150,7 @@ def _in_a_process(spec: ReplaySpec, stop: Stop | None = None) -> str:
             break
         except subprocess.TimeoutExpired:
             if stop is not None and stop.asked and not asked:
-                process.terminate()  # it puts away what it has
+                process.terminate()  # it writes the results so far
                 asked = True
     if asked or process.returncode in (0, 1):
         return ""

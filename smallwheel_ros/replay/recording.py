@@ -77,7 +77,7 @@ class Recording:
         self.unusable: dict[Key, str] = {}
         present = {topic[:2] for topic in reader.topics}
         self._has_clock = clock and _CLOCK in present
-        self._clock = 0  # ns, what it said last
+        self._clock = 0  # time of the newest /clock message, ns
         for topic in topics_of(settings):
             key = in_bag(topic.name), topic.type
             if key in present:

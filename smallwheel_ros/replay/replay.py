@@ -158,7 +158,7 @@ class _Drive:
         self._look_for_inputs(spec)
 
     def _go_on(self) -> None:
-        """Go on from a saved soil and map. Raises ReplayError where there is one that cannot be used."""
+        """Start from a saved soil and map if there are any. Raises ReplayError if the soil is unusable."""
         restored = self._soil_file.restore(self._pipeline)
         if self._soil_file.problem:
             raise ReplayError(f"{self._soil_file.problem}; give another file with --soil-file")
@@ -173,7 +173,7 @@ class _Drive:
         return f"soil saved: {words}" if saved else words
 
     def _look_for_inputs(self, spec: ReplaySpec) -> None:
-        """Find out which topic is which input, and what is copied."""
+        """Determine the topic of each input, and the topics that are copied."""
         reader, settings, used = self._reader, self._settings, self._recording.used
         present = {topic[:2] for topic in reader.topics}
         unusable = self._recording.unusable
@@ -275,7 +275,7 @@ class _Drive:
         self._bag.write_estimates(rows, columns, of_rows, recorded, self._recording.frame)
 
     def _lay(self, rows: Estimates, vehicle: VehicleEstimates) -> VehicleEstimates:
-        """Lay rows down on the map, and write it as often as the node would have published it.
+        """Write rows into the cost map, and the map into the bag as often as the node would publish it.
 
         Returns the vehicle's rows with the margins of terrain classes where nothing else is known.
         """

@@ -184,7 +184,7 @@ def _above_floor(found: Comparison, channel: str, score: Score) -> str:
 
 
 def data_blocks(found: Comparison) -> list[Block]:
-    """What was measured, over which ranges, how well it repeats, and what is odd about it."""
+    """Blocks on the data: ranges of conditions and channels, repeatability, warnings and assumptions."""
     data = found.measurements
     runs = f"{data.runs.size} runs" if data.runs_given else (
         f"no runs named, {data.runs.size} settings")  # fmt: skip
@@ -228,7 +228,7 @@ def _brief(header: str) -> Column:
 
 
 def model_blocks(found: Comparison) -> list[Block]:
-    """Each model, its errors, and the rows that it could not predict."""
+    """Blocks on the models: description, errors on each channel, and rows that could not be predicted."""
     models, place, line = found.models, found.measurements.place, found.measurements.line
     blocks: list[Block] = [
         Text(items=[f"{words(m.contender.name)}: {m.contender.description}." for m in models]),

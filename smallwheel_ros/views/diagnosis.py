@@ -192,7 +192,7 @@ def channel_blocks(document: Document) -> list[Block]:
 
 
 def region_blocks(document: Document) -> list[Block]:
-    """Where the base model fails, in words and numbers."""
+    """A table of the regions of the settings where the base model fails."""
     columns = [
         Column("where", "region", region_words), Column("channel", "channel", words),
         count("rows", "rows"), of_channel("bias", "bias"), of_channel("RMSE", "rmse"),
@@ -226,7 +226,7 @@ def left_figure(found: Diagnosis) -> list[Block]:
 
 
 def ranking_blocks(document: Document) -> list[Block]:
-    """Every effect that was tested, with its fitted parameters, and the curves without a name."""
+    """Blocks on every effect tested, with its fitted parameters, and on curves without a known effect."""
     tested = [row for row in document["ranking"] if row["status"] != "not_testable"]
     likely = [
         r for r in tested if r["status"] != "not_significant" or (r["probability"] or 0.0) >= _SHOWN
@@ -307,7 +307,7 @@ def _steps_by_channel(document: Document) -> dict[str, dict[str, float | None]]:
 
 
 def step_blocks(document: Document) -> list[Block]:
-    """The steps of held-out errors, and what the best explanation leaves unexplained."""
+    """Blocks on the held-out error after each added effect, and on residuals of the best explanation."""
     channels, steps = _steps_by_channel(document), document["steps"]
     # With too little data nothing was held out: there is one error, in sample, and no stairs.
     if document["verdict"] == "insufficient_data" or not channels:
@@ -379,7 +379,7 @@ def _curve(curve: Row) -> Panel:
 
 
 def unknowable_blocks(document: Document) -> list[Block]:
-    """What could not be tested, observed or distinguished."""
+    """Blocks on effects that could not be tested, and on pairs that the data cannot tell apart."""
     blind = [row for row in document["ranking"] if row["status"] == "not_testable"]
     columns = [Column("effect", "effect", words), Column("why not", "reason")]
     blocks: list[Block] = [Table(columns, blind, "Not testable with this data")] if blind else []
@@ -398,7 +398,7 @@ def unknowable_blocks(document: Document) -> list[Block]:
 
 
 def next_blocks(document: Document) -> list[Block]:
-    """The measurements that would decide."""
+    """Blocks on the measurements that would decide between effects, and on how to confirm a suspected one."""
     columns = [
         Column("settings", "settings", _settings),
         Column("to tell", "separates", lambda names: to_tell(names or ())),
@@ -420,7 +420,7 @@ def _settings(settings: Row | None) -> str:
 
 
 def caveats(document: Document) -> list[str]:
-    """What a reader of a diagnosis should keep in mind."""
+    """List sentences that a reader of a diagnosis should keep in mind."""
     notes = [str(note) for note in document["notes"]]
     held_out = "Errors of the diagnosis are held out: each run was predicted by a fit without it."
     return [

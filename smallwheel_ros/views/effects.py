@@ -196,7 +196,7 @@ def _said(
 
 
 def _doubts(view: View, found: Diagnosis, worse: tuple[str, ...]) -> list[str]:
-    """Why these effects are not what the diagnosis names; empty where they are."""
+    """Sentences on why the effects of a model are not those that the diagnosis names; empty if they are."""
     document = found.document
     rows = {row["effect"]: row for row in document["ranking"]}
     named = document["missing_effects"]

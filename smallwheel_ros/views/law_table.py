@@ -171,7 +171,7 @@ def _left_out(table: LawTable) -> str:
 
 
 def _said(table: LawTable, channel: str) -> list[str]:
-    """Sentences below a table: the least error, parts that ours loses, what was refused and at a bound."""
+    """Sentences below a table: least error, parts where ours loses, refused points, parameters at a bound."""
     laws, lost = table.of(channel), _lost(table, channel)
     judged = [law for law in laws if law.rmse == law.rmse]
     said = [f"Least error: {min(judged, key=lambda law: law.rmse).law}."] if judged else []
@@ -210,7 +210,7 @@ def _effects(table: LawTable) -> str:
 
 
 def _summary(found: Benchmark) -> Table:
-    """By law and channel, how often ours wins, cannot be told, and loses."""
+    """A table of how often ours wins, cannot be told apart, and loses, by law and channel."""
     laws = [law for table in found.tasks for law in table.others]
     judged = Counter((law.law, law.channel, law.verdict) for law in laws)
 

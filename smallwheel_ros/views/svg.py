@@ -83,7 +83,7 @@ def _plain_axes(width: float, height: float) -> Axes:
 
 
 def _emptied(axes: Axes) -> Axes:
-    """The axes without what was drawn on them; ticks and grid stay, and are moved."""
+    """Remove all drawn elements from the axes; ticks and grid stay, and move with the next plot."""
     for artist in (*axes.lines, *axes.collections, *axes.patches, *axes.texts):
         artist.remove()
     if (key := axes.get_legend()) is not None:
