@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of arguments: what the functions of `import smallwheel_ros` take, and how it is typed as an option.
+"""Kinds of arguments of the functions of `import smallwheel_ros`, and how each is typed on the command line.
 
-A function is declared once, in its package: its annotations are kinds of this module, or of the `given.py` of
-what it takes (tables, models), and its docstring has a text for each argument. `commands.command` makes the
-command of that name from both.
+A function is declared once, in its package: its annotations are kinds of this module, or of a `given.py` (of
+tables, of models), and its docstring has a text for each argument. `commands.command` makes the command of
+that name from both.
 """
 
 import sys
@@ -21,26 +21,29 @@ from smallwheel_ros.physics.soil import SOILS
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of argument, as it is typed on the command line.
+    """A kind of argument, and how it is typed on the command line.
 
     Attributes
     ----------
+    metavar
+        Word for the value in --help, such as `FILE`; None: the one that click chooses.
     type
         Python type of each value.
     within
-        Lowest and highest value; None for no limit.
+        Lowest and highest value, both allowed, each None for no limit; None for no limits.
     several
         Whether the argument may be given several times.
     unnamed
-        Whether it is typed without a name if it is the first argument of its function.
+        Whether it is typed without an option's name if it is the first argument of its function.
     names
-        Names of the option, where they differ from the parameter's.
+        Names of the option, such as `-o`; empty: --NAME with the parameter's name.
     say
         Text that --help adds to that of the docstring.
     read
-        Turns the typed text into the function's argument.
+        Function that converts the typed text (a tuple of texts with `several`) to the function's argument,
+        and may raise ArgumentError; None: the typed value is passed on.
     of_table
-        Whether it is levels of settings of the table that is read.
+        Whether it is ranges or levels of settings, which are read with the units of the table.
     or_folder
         For a table: whether it may be a folder, which the function reads itself.
     """

@@ -14,7 +14,7 @@ import click
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.release import __version__
 
-# name: (where it is, what `smallwheel --help` says of it)
+# By name: module and attribute of the command, and its line in `smallwheel --help`.
 COMMANDS = {
     "predict": ("commands.physics:predict", "Sinkage, resistance and drawbar pull of a wheel on a soil."),
     "compare": ("commands.bench:compare", "Models on a table, or laws on a folder of data, side by side."),
@@ -35,13 +35,13 @@ COMMANDS = {
 
 
 class BadInput(click.ClickException):
-    """What the user gave cannot be used: one message, exit code 2."""
+    """Input of the user that cannot be used: it is printed as one message, with exit code 2."""
 
     exit_code = 2
 
 
 def _drop_output() -> None:
-    """Send what standard output cannot take nowhere: Python would try once more at its exit, and say 120."""
+    """Discard output that cannot be written: Python would try once more at its exit, and return 120."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -56,7 +56,7 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name, imported now."""
+        """Import and return the command of that name; None if there is none."""
         if cmd_name not in self.list_commands(ctx):
             return None
         module, attribute = COMMANDS[cmd_name][0].split(":")
@@ -67,7 +67,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, but an unknown name is answered with the nearest known ones."""
+        """Resolve a command as click does, but answer an unknown name with the nearest known one."""
         known = self.list_commands(ctx)
         if args and not args[0].startswith("-") and args[0] not in known:
             from smallwheel_ros.common.errors import nearest
@@ -81,7 +81,7 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; print an error of the library about its input as one message."""
+        """Run a command; turn an error of the library, or on reading and writing files, into one message."""
         try:
             return super().invoke(ctx)
         except SmallwheelError as error:

@@ -56,12 +56,21 @@ _MEND = {
 
 
 class BagError(SmallwheelError):
-    """A bag cannot be read or written; the message names the file and what to do.
+    """A bag cannot be read or written; the message names the bag and what to do.
+
+    Parameters
+    ----------
+    path
+        The bag.
+    text
+        The problem and its remedy, in words.
+    messages_read
+        Number of messages read before the error.
 
     Attributes
     ----------
-    messages_read
-        Number of messages read before the error.
+    path, messages_read
+        As given.
     """
 
     def __init__(self, path: Path, text: str, *, messages_read: int = 0) -> None:
@@ -71,7 +80,17 @@ class BagError(SmallwheelError):
 
 
 class RawMessage(NamedTuple):
-    """One message, still serialised: CDR in rosbag2, ROS 1 format in a ``.bag``."""
+    """One message, still serialised.
+
+    Attributes
+    ----------
+    topic, type
+        Name and type of the topic, such as ``/odom`` and ``nav_msgs/msg/Odometry``.
+    log_time
+        Time of recording, ns since the epoch.
+    data
+        The message: CDR in rosbag2, the format of ROS 1 in a ``.bag``.
+    """
 
     topic: str
     type: str
@@ -80,7 +99,17 @@ class RawMessage(NamedTuple):
 
 
 class BagMessage(NamedTuple):
-    """One message: `log_time` is when it was recorded (ns since the epoch), not its header."""
+    """One message.
+
+    Attributes
+    ----------
+    topic, type
+        Name and type of the topic, such as ``/odom`` and ``nav_msgs/msg/Odometry``.
+    log_time
+        Time of recording, ns since the epoch; not the stamp in the header.
+    message
+        The message, with the fields of its type as attributes.
+    """
 
     topic: str
     type: str
@@ -89,7 +118,17 @@ class BagMessage(NamedTuple):
 
 
 class BagTopic(NamedTuple):
-    """One topic of a bag; it is readable if the definition of its type is in the bag, or known here."""
+    """One topic of a bag.
+
+    Attributes
+    ----------
+    name, type
+        Name and type of the topic, such as ``/odom`` and ``nav_msgs/msg/Odometry``.
+    message_count
+        Number of its messages in the bag.
+    readable
+        Whether the definition of its type is in the bag, or known to this package.
+    """
 
     name: str
     type: str
@@ -110,7 +149,7 @@ class BagReader:
     Attributes
     ----------
     topics
-        What is in the bag, by name; a topic with two types is there twice.
+        The topics in the bag, sorted by name; one with two types is listed twice.
     message_count
         Number of messages in the bag.
     start_time, end_time
@@ -164,13 +203,13 @@ class BagReader:
         self.hole = ""
         self._shifts: list[
             tuple[int, int]
-        ] = []  # log times up to which to shift, and by how much, ns
+        ] = []  # log times (ns), and the shift (ns) of messages up to each
         if self.start_time is not None and (self.end_time or 0) - self.start_time > _HOLE:
             self._bridge()
         return self
 
     def _bridge(self) -> None:
-        """Move the times of what was recorded years before or after most messages next to these.
+        """Shift the log times of messages recorded years before or after most others next to those of these.
 
         Before /clock ticks, recorders with use_sim_time write 0 (ros2/rosbag2#1276).
         """
@@ -185,7 +224,7 @@ class BagReader:
             return
         most = max(range(len(parts)), key=lambda i: len(parts[i]))
         pace = (parts[most][-1] - parts[most][0]) // max(len(parts[most]) - 1, 1)
-        # Where a clock stood as many messages were recorded as usually in their time.
+        # Messages with one and the same time, as the clock stood, are given the usual time of so many.
         apart = [pace * (len(part) if part[0] == part[-1] else 1) for part in parts]
         shifts = [0] * len(parts)
         for i in range(most - 1, -1, -1):
@@ -204,7 +243,7 @@ class BagReader:
         )
 
     def _shift(self, time: int) -> int:
-        """By how much (ns) a log time is to be shifted."""
+        """The shift (ns) of a log time (ns)."""
         return next((shift for until, shift in self._shifts if time <= until), 0)
 
     def _opened(self, stack: ExitStack) -> Iterator[Any]:
@@ -243,17 +282,25 @@ class BagReader:
         return "; ".join(self._problems)
 
     def decoder(self, topic: str, kind: str) -> Callable[[bytes], Any]:
-        """Return a function that turns bytes into a message with at least the fields its type has here.
+        """Return a function that decodes a topic's messages, which have all fields that the type has here.
 
         Parameters
         ----------
         topic, kind
             Name and type of the topic, such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
 
+        Returns
+        -------
+        callable
+            From the bytes of a message to the message.
+
         Raises
         ------
+        KeyError
+            If the bag has no such topic.
         DefinitionError
-            Where the bag defines the type otherwise; it is then part of the bag's `damage`.
+            If the type is not known to this package, or the bag defines it differently; the text is then
+            added to the bag's `damage`.
         """
         try:
             return self._definitions.decoder(self._connections[topic, kind], as_here=True)
@@ -264,12 +311,22 @@ class BagReader:
             raise
 
     def channel(self, topic: str, kind: str) -> CopiedTopic | None:
-        """Describe how a bag of ROS 2 stores a topic; None if the topic's type is unknown.
+        """Describe how a bag of ROS 2 would store a topic, for `BagWriter.copy`.
 
         Parameters
         ----------
         topic, kind
             Name and type of the topic, such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
+
+        Returns
+        -------
+        CopiedTopic or None
+            None if the definition of the topic's type is not known.
+
+        Raises
+        ------
+        KeyError
+            If the bag has no such topic.
         """
         connection = self._connections[topic, kind]
         try:
@@ -309,7 +366,7 @@ class BagReader:
             yield BagMessage(topic, kind, time, message)
 
     def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        """Messages as serialised bytes; otherwise as `messages` yields them."""
+        """Yield messages as serialised bytes; otherwise as `messages` yields them."""
         return self._stream(self._wanted(topics))
 
     def _wanted(self, topics: Collection[str] | None) -> dict[Key, Connection]:
@@ -339,7 +396,19 @@ class BagReader:
 
 
 class CopiedTopic(NamedTuple):
-    """A topic as a bag of ROS 2 stores it: its type, the type store that knows it, QoS and bytes."""
+    """A topic of a bag as a bag of ROS 2 stores it.
+
+    Attributes
+    ----------
+    topic, type
+        Name of the topic, and its type in ROS 2.
+    store
+        Type store of rosbags that knows the type.
+    qos
+        Offered quality-of-service profiles as rosbags has them; empty if the bag states none.
+    convert
+        Function that converts the bytes of its messages from the format in the old bag to CDR.
+    """
 
     topic: str
     type: str
@@ -349,9 +418,9 @@ class CopiedTopic(NamedTuple):
 
 
 class _Mcap:
-    """An mcap file that rosbags refuses, in the order of recording, to where it breaks.
+    """An mcap file that rosbags refuses, read in the order of recording up to where it breaks.
 
-    problem: where that is, in words; empty where the file is whole.
+    problem: where and why it breaks, in words; empty if the file is whole.
     """
 
     def __init__(self, path: Path) -> None:
@@ -378,7 +447,7 @@ class _Mcap:
                 yield self._found[number], time, data
 
     def _read(self) -> Iterator[tuple[int, int, bytes]]:
-        """Channel, log time (ns) and data of each message; channels are noted as they come."""
+        """Yield channel, log time (ns) and data of each message; channels are noted as they come."""
         schemas: dict[int, Schema] = {}
         with self._path.open("rb") as file:
             try:
@@ -396,7 +465,7 @@ class _Mcap:
 
 
 def _records(file: BinaryIO) -> Iterator[McapRecord]:
-    """Records of an mcap file; of a last chunk that is not compressed also those before it breaks off."""
+    """Yield the records of an mcap file, including those of an incomplete last chunk without compression."""
     place = 0
     try:
         for record in StreamReader(file).records:
@@ -458,5 +527,5 @@ def _natural(path: Path) -> list[tuple[str, int]]:
 
 
 def _mend(file: Path) -> str:
-    """What to do about a file that cannot be read."""
+    """Advice on a file that cannot be read."""
     return _MEND[file.suffix].format(name=file.name)

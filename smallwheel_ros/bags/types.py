@@ -21,10 +21,10 @@ from rosbags.typesys.store import Typestore
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
 
-_Fields = dict[str, tuple[Any, Any]]  # of types: constants, and names and kinds of fields
+_Fields = dict[str, tuple[Any, Any]]  # by type: its constants, and its fields with their kinds
 _PACKAGE = "smallwheel_ros"
 _IDL_SEPARATOR = "=" * 80 + "\n"
-# Fields that older definitions of a type lack, and that whoever reads it can do without.
+# Fields that older definitions of a type lack, and that readers can do without.
 _NEWER = {("sensor_msgs/msg/Range", "variance")}
 # Of grid_map_msgs, which are no common interface: older bags do not define their types.
 _GRID_MAP = {
@@ -90,7 +90,10 @@ def message_type(name: str) -> Callable[..., Any]:
 
 
 def plain_fields(name: str) -> dict[str, str]:
-    """Return names and types of a message's fields that are no message and no array."""
+    """Return the types of a message's fields by name, without fields that are messages or arrays.
+
+    The argument is the message's type, such as ``smallwheel_ros/msg/SoilEstimate``.
+    """
     fields = typestore().fielddefs[name][1]
     return {field: str(kind[1][0]) for field, kind in fields if kind[0] == Nodetype.BASE}
 
@@ -100,11 +103,17 @@ class DefinitionError(SmallwheelError):
 
 
 class Definitions:
-    """The message types of one bag; `ros2` is False for a bag of ROS 1."""
+    """The message types of one bag.
+
+    Parameters
+    ----------
+    ros2
+        Whether it is a bag of ROS 2; otherwise it is one of ROS 1.
+    """
 
     def __init__(self, ros2: bool) -> None:
         self.ros2 = ros2
-        # What a definition of ROS 1 does not define is as ROS 1 has it: its headers have a number.
+        # Types that a bag of ROS 1 does not define are those of ROS 1, whose headers have a sequence number.
         self._standard = typestore() if ros2 else get_typestore(Stores.ROS1_NOETIC)
         self._stores: dict[str, Typestore] = {}
 
@@ -113,19 +122,25 @@ class Definitions:
         return bool(topic.msgdef.data) or topic.msgtype in self._standard.fielddefs
 
     def decoder(self, topic: Connection, *, as_here: bool = False) -> Callable[[bytes], Any]:
-        """Return a function that turns a topic's bytes into a message.
+        """Return a function that decodes the messages of a topic.
 
         Parameters
         ----------
         topic
-            As the bag has it.
+            Connection of rosbags, with the bag's own definition of the type.
         as_here
-            Whether the type must have the fields that it has here; it may have others besides.
+            Whether the type must have all fields that this package knows of it; it may have others besides.
+
+        Returns
+        -------
+        callable
+            From the bytes of a message to the message.
 
         Raises
         ------
         DefinitionError
-            If it lacks one of these fields, or the bag's definition cannot be read.
+            If the bag's definition cannot be read or is not known, or with `as_here` if the type is unknown
+            here, or lacks a field or has it with another type.
         """
         kind, store = topic.msgtype, self._store(topic)
         if as_here and kind not in typestore().fielddefs:
@@ -139,9 +154,10 @@ class Definitions:
     def in_ros2(
         self, topic: Connection
     ) -> tuple[str, Typestore, Callable[[bytes], bytes | memoryview]]:
-        """Return a topic's ROS 2 type, the store that knows it, and a converter for its bytes.
+        """Return a topic's type in ROS 2, the type store that knows it, and a converter of bytes to CDR.
 
-        Raises DefinitionError for a type that is not known; of ROS 1 only those known here are.
+        Raises DefinitionError for a type that is not known; types of ROS 1 must be known to ROS 2 Jazzy or
+        this package.
         """
         kind, store = topic.msgtype, self._store(topic)
         if self.ros2:
@@ -153,7 +169,7 @@ class Definitions:
         return name, target, convert
 
     def _store(self, topic: Connection) -> Typestore:
-        """Return what knows a topic's type: ours, or where the bag has another one, one of its own."""
+        """Return the type store for a topic: the standard one, or one with the bag's own definition."""
         kind, known = topic.msgtype, self._standard.fielddefs
         if kind not in self._stores:
             if not topic.msgdef.data:
@@ -206,7 +222,7 @@ def _element(described: Any) -> tuple[Any, Any]:
 
 
 def _differences(kind: str, store: Typestore, path: str) -> Iterator[str]:
-    """Say which fields of a type, as it is here, a store lacks or has otherwise."""
+    """Yield a clause on each field of a type known here that a store lacks or has with another type."""
     theirs = dict(store.fielddefs[kind][1])
     for name, described in typestore().fielddefs[kind][1]:
         if name not in theirs:
@@ -220,7 +236,7 @@ def _differences(kind: str, store: Typestore, path: str) -> Iterator[str]:
 
 
 def _words(described: Any) -> str:
-    """A field's type as definitions have it."""
+    """A field's type as it is written in definitions."""
     inner, what = _element(described)
     text = str(what if inner == Nodetype.NAME else what[0])
     if described[0] == Nodetype.SEQUENCE:

@@ -29,9 +29,9 @@ from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stamps import SECOND
 
 STORAGES: tuple[Storage, ...] = ("mcap", "sqlite3")
-Message = SimpleNamespace  # has a type's fields, as rosbags needs it
+Message = SimpleNamespace  # a message: rosbags needs an object with the fields of the type
 _NEVER = QosTime(2147483647, 4294967295)
-# Of a topic whose last message is given to those who come late.
+# Quality of service of a topic whose last message is given to late subscribers.
 _LATCHED = Qos(
     QosHistory.KEEP_LAST,
     1,
@@ -46,31 +46,38 @@ _LATCHED = Qos(
 
 
 def header(stamp: int, frame: str) -> Message:
-    """Make the header of a message.
+    """Make a std_msgs/Header.
 
     Parameters
     ----------
     stamp
-        ns since the epoch.
+        Stamp, ns since the epoch.
     frame
-        The header's frame_id.
+        Name of the frame: frame_id.
     """
     time = Message(sec=stamp // SECOND, nanosec=stamp % SECOND)
     return Message(stamp=time, frame_id=frame)
 
 
 class BagWriter:
-    """Write a rosbag2 bag; use it in a `with` statement.
+    """A new rosbag2 bag to write; use it in a `with` statement.
 
     The bag appears at `path` only when the `with` block ends without an error; until then it is
-    in a hidden folder beside it, which is removed when something goes wrong.
+    in a hidden folder beside it, which is removed if something goes wrong.
 
     Parameters
     ----------
     path
-        Folder to make; it must not exist.
+        Folder of the bag; it must not exist.
     storage
-        ``"mcap"`` or ``"sqlite3"``.
+        Storage format, ``"mcap"`` or ``"sqlite3"``.
+
+    Attributes
+    ----------
+    path, storage
+        As given.
+    message_count
+        Number of messages written so far.
 
     Raises
     ------
@@ -116,7 +123,14 @@ class BagWriter:
         log_time
             Time of recording, ns since the epoch.
         message
-            A message of a class from `message_type`, or any object with the type's fields.
+            A message of a class from `message_type`, or any object with the type's fields as attributes.
+
+        Raises
+        ------
+        KeyError
+            If the type is not one that `message_type` knows.
+        BagError
+            If the bag cannot be written.
         """
         self.write_raw(topic, kind, log_time, typestore().serialize_cdr(message, kind))
 
@@ -125,39 +139,61 @@ class BagWriter:
 
         Parameters
         ----------
-        topic, kind, log_time
-            See `write`; a type that `message_type` knows.
+        topic, kind
+            Name and type of the topic; a type that `message_type` knows.
+        log_time
+            Time of recording, ns since the epoch.
         data
             CDR, with its four bytes of encapsulation.
+
+        Raises
+        ------
+        BagError
+            If the type is not known here, or the bag cannot be written.
         """
         connection = self._connections.get((topic, kind)) or self.add(topic, kind)
         self._write(connection, log_time, data)
 
     def copy(self, topic: CopiedTopic, log_time: int, data: bytes) -> None:
-        """Copy a message of another bag.
+        """Write a message of another bag, converted to CDR if it is of ROS 1.
 
         Parameters
         ----------
         topic
-            As returned by `BagReader.channel`.
+            Its topic, as returned by `BagReader.channel`.
         log_time
             Time of recording, ns since the epoch.
         data
-            As it is in that bag.
+            The message as it is serialised in that bag.
+
+        Raises
+        ------
+        BagError
+            If the bag cannot be written.
         """
         converted = topic.convert(data)
         connection = self._connections.get(topic[:2]) or self._add(topic)
         self._write(connection, log_time, converted)
 
     def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> Connection:
-        """Create a topic before its first message arrives.
+        """Add a topic before its first message is written, so that it is in the bag in any case.
 
         Parameters
         ----------
         topic, kind
-            See `write`; a type that `message_type` knows.
+            Name and type of the topic; a type that `message_type` knows.
         keeps_last
-            Whether later subscribers get the last message when the bag is played.
+            Whether late subscribers get the last message when the bag is played.
+
+        Returns
+        -------
+        Connection
+            The topic as rosbags has it.
+
+        Raises
+        ------
+        BagError
+            If the type is not known here, or the bag cannot be written.
         """
         if kind not in typestore().fielddefs:
             raise BagError(self.path, f"topic {topic}: the definition of {kind} is not known here")
@@ -194,7 +230,7 @@ class BagWriter:
 
 
 def check_new_bag(path: Path) -> None:
-    """Raise `BagError` unless a bag can be made at `path`."""
+    """Raise BagError if `path` exists already, or its parent folder does not exist."""
     if path.exists():
         raise BagError(path, "exists already; nothing was changed: remove it or give another name")
     if not path.parent.is_dir():

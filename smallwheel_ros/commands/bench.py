@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from smallwheel_ros.diagnosis.pipeline import Diagnosis
 
 _FITTING: Options = {"what": "fitting", "unit": "fit"}
-_DIAGNOSING: Options = {"what": "diagnosing", "total": 5}  # steps that a diagnosis tells of
+_DIAGNOSING: Options = {"what": "diagnosing", "total": 5}  # steps of a diagnosis
 
 fit = command(
     fit_tests,
@@ -49,7 +49,7 @@ fit = command(
 
 
 def _tables_shown(asked: Options) -> Options:
-    """Each table of a folder is printed as soon as it is done."""
+    """Arguments with which each table of a folder is printed as soon as it is done."""
     from tqdm import tqdm
 
     from smallwheel_ros.views.law_table import table_text
@@ -90,7 +90,7 @@ def _check_apply(asked: Options) -> None:
 
 
 def _going_on(result: Diagnosis, applied: bool = False) -> Diagnosis:
-    """The diagnosis with the commands that go on from it. applied: a model file has what is named."""
+    """The diagnosis with the commands to go on with. applied: whether a model file has the named effects."""
     following = {"learn": with_what_was_typed(learn_law, "-o", "law.py")}
     if not applied:
         following["apply"] = with_what_was_typed(diagnose_data, "--apply", "-o", "MODEL.yaml")

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands from functions: names, kinds and defaults of the signature, texts of the docstring.
+"""Commands made from functions: options from the signature, and their texts from the docstring.
 
     compare = command(compare.compare, JSON, PLOTS, HTML, words="A model file is compared as well.")
 
-A command that does more than its function is a function of click; `options_of` gives it those of another.
+A command that does more than its function is a function of click's own; `options_of` gives it the options of
+another function.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class CommandError(SmallwheelError):
 
 
 def described(function: Function) -> tuple[str, dict[str, str]]:
-    """A docstring's text before its first section, and that of each parameter (numpydoc)."""
+    """Return a docstring's text before its first section, and by name that of each parameter (numpydoc)."""
     doc = inspect.getdoc(function) or ""
     words, *sections = re.split(r"^(\w+)\n-+\n", doc, flags=re.MULTILINE)
     parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
@@ -42,7 +43,7 @@ def described(function: Function) -> tuple[str, dict[str, str]]:
 
 
 def kinds_of(function: Function) -> dict[str, tuple[Kind, Any]]:
-    """For each parameter that can be typed, its kind and its Python type."""
+    """Return the kind and the Python type of each parameter whose annotation has a `Kind`, by name."""
     found = {}
     for name, parameter in inspect.signature(function).parameters.items():
         for hint in (parameter.annotation, *get_args(parameter.annotation)):
@@ -55,19 +56,19 @@ def kinds_of(function: Function) -> dict[str, tuple[Kind, Any]]:
 
 
 def options_of(function: Function, *names: str) -> Decorator:
-    """Options for parameters of a function; with `data` come those of `read`.
+    """Make the options (of click) for parameters of a function; with `data`, also those of `read`.
 
     Parameters
     ----------
     function
         A function of the API, with a numpydoc docstring.
     *names
-        Parameters that get an option; all if none is named.
+        Names of the parameters that get an option; all that have a `Kind` if none is named.
 
     Returns
     -------
     callable
-        Decorator of a click command.
+        Decorator for the function of a click command.
     """
     kinds = kinds_of(function)
     wanted = names or tuple(kinds)
@@ -107,7 +108,7 @@ def _option(function: Function, name: str, kind: Kind, type: Any) -> Decorator:
 
 
 def _type_of(kind: Kind, type: Any) -> Any:
-    """The type of click."""
+    """The type by which click converts a value."""
     if get_origin(type) is Literal:
         return click.Choice(get_args(type))
     if kind.within is not None:
@@ -117,7 +118,7 @@ def _type_of(kind: Kind, type: Any) -> Any:
 
 
 def _callback(kind: Kind) -> Function | None:
-    """What reads a value, where it is typed otherwise than it is given in Python."""
+    """Callback of click that converts a typed value to the function's argument; None if none is needed."""
     if kind.read is None:
         return None
 
@@ -149,20 +150,24 @@ def command(
     Parameters
     ----------
     function
-        A function of the API; its docstring is the help.
+        A function of the API; its name is the command's, its docstring the help.
     *outputs
-        Options besides those of the function, checked by `begin` before the work and passed to
-        `finish`.
+        Decorators that add options of click besides those of the function, such as `JSON`.
     words
         Further paragraph of the help.
     begin
-        Called with all options before the work.
+        Called before the work with the options that the function does not take; it may raise an error.
     finish
-        Called with the result and the options that the function does not take.
+        Called with the result and the options that the function does not take, to write and show it.
     bar
-        Arguments of `progress_bar`.
+        Arguments of `progress_bar`; None: the function's name is shown.
     heard
-        Function of the options that returns further arguments of the function, such as callbacks.
+        Called with the options that the function does not take; returns further arguments of the function,
+        such as callbacks.
+
+    Returns
+    -------
+    click.Command
     """
     kinds = kinds_of(function)
     listens = "progress" in inspect.signature(function).parameters
@@ -191,14 +196,16 @@ def command(
 
 
 def with_what_was_typed(function: Function, *more: str) -> str:
-    """Write out the function's command, with the table and options that were typed for the running one.
+    """Return the command line of a function's command, with the words typed for the running command.
+
+    Of these it has the table and the options that the other command takes, too.
 
     Parameters
     ----------
     function
-        The function that the command calls; it has the command's name.
+        The function of the other command, whose name is the command's.
     more
-        Words of further options.
+        Words to add, such as "-o", "law.py".
     """
     names = {*kinds_of(function), *_OF_TABLE}
     return f"smallwheel {function.__name__} {typed_again(names, *more)}"
@@ -209,19 +216,20 @@ def _is_unnamed(function: Function, name: str, kind: Kind) -> bool:
 
 
 def taken(function: Function, options: Given) -> Given:
-    """Separate a function's arguments, and those of `read`, from the options; leave out those not given.
+    """Take a function's arguments, and those of `read`, out of a command's options.
 
     Parameters
     ----------
     function
         A function of the API.
     options
-        Options of the command; what is taken is removed.
+        Options of the command by name; those that are taken are removed.
 
     Returns
     -------
     dict
-        Arguments by name; `how` has those of `read`.
+        Arguments by name, without those that were not given. If the function takes a table, `how` has all
+        arguments of `read` except the file.
 
     Raises
     ------
@@ -244,19 +252,19 @@ def taken(function: Function, options: Given) -> Given:
 
 
 def with_table(function: Function, given: Given) -> Given:
-    """Read the table, or the tables of a lab, and replace the file's name by it.
+    """Read the table, or the tables of a lab's tests, and replace the files' names by them.
 
     Parameters
     ----------
     function
         A function of the API.
     given
-        Its arguments, as `taken` returns them.
+        Its arguments, as `taken` returns them; they are not changed.
 
     Returns
     -------
     dict
-        Arguments with which the function can be called.
+        Arguments with which the function can be called; a folder that the function reads itself stays.
 
     Raises
     ------
@@ -289,7 +297,7 @@ def with_table(function: Function, given: Given) -> Given:
 
 
 def told(test: Any) -> Any:
-    """Print on standard error how the table was understood, with its warnings; return the table."""
+    """Print on standard error how a table was understood, and its warnings; return the table."""
     for line in test.understood:
         understand(line)
     for warning in getattr(test, "warnings", ()):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`smallwheel init`: what is known of a rover, as a parameter file."""
+"""`smallwheel init`: a parameter file with all that a bag, a URDF or the number of wheels gives."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from smallwheel_ros.common.files import check_folder_target, check_targets
 if TYPE_CHECKING:
     from smallwheel_ros.common.result import Result
 
-Options = dict[str, Any]  # of a command beside those of its function, by name
+Options = dict[str, Any]  # by name, the options of a command that its function does not take
 Finish = Callable[[Any, Options], object]
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -30,16 +30,22 @@ __all__ = ["HTML", "JSON", "PATH", "PLOTS", "check_outputs", "finish", "output",
 
 
 def output(text: str, name: str = "output", required: bool = False) -> Decorator:
-    """Declare the option -o.
+    """Declare the option -o for a file to write.
 
     Parameters
     ----------
     text
         Help of the option.
     name
-        Name of the parameter; `model_file` may be the model file that is read.
+        Name under which the command gets it: `output`, or `model_file` for a model file, which may be the one
+        that is read (`check_outputs`).
     required
         Whether it has to be given.
+
+    Returns
+    -------
+    callable
+        Decorator for the function of a click command.
     """
     return click.option(
         "-o", "--output", name, type=PATH, required=required, metavar="FILE", help=text
@@ -47,19 +53,19 @@ def output(text: str, name: str = "output", required: bool = False) -> Decorator
 
 
 def check_outputs(given: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
-    """Refuse outputs that cannot be written, or would destroy what is read, before a long computation.
+    """Check before a long computation that outputs can be written and would not overwrite an input.
 
     Parameters
     ----------
     given
-        Arguments, among them the files that are read.
+        Arguments of the function by name: paths among them, and texts ending in .py, are files that are read.
     asked
-        Options, among them the files that are written.
+        Other options by name: output, html, plot, json_file, model_file and plots (a folder) are written.
 
     Raises
     ------
     OutputError
-        If a target cannot be written, or is read as well.
+        If a file cannot be written, or is read as well; only model_file may be the model that is read.
     """
     inputs: list[str | Path] = []
     for name, value in given.items():
@@ -93,7 +99,8 @@ def progress_bar(
     Yields
     ------
     callable
-        Called with a step's name, with the number done and the total, or with all three.
+        Function to report progress with: called with a step's name, with the number of steps done and their
+        total, or with all three. With a name alone, one more step is done.
     """
     from tqdm import tqdm
 
@@ -113,18 +120,19 @@ def progress_bar(
 def finish(
     result: Result, asked: Options, text: str | None = None, written: Sequence[Path] = ()
 ) -> None:
-    """Write the files that the options ask for, then show the result.
+    """Write the files that the options ask for, then print the result.
 
     Parameters
     ----------
     result
         The result.
     asked
-        Options html, plots, output, json_file; model_file is the file for the result's model.
+        Options by name: json_file (which may be None), and if given output and html (files whose suffix
+        selects the kind), plots (a folder for pictures) and model_file (a file for the result's model).
     text
-        What is printed; the result's own text if not given.
+        Text to print in place of the result's own.
     written
-        Files that are written already.
+        Files already written, to be listed with the others.
     """
     written = list(written)
     if (path := asked.get("model_file")) is not None:

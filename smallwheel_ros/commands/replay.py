@@ -155,7 +155,7 @@ def _many(
     *,
     one_map: bool,
 ) -> None:
-    """Replay many bags, each in a process of its own, and put their tables together."""
+    """Replay many bags, each in a separate process, and join their tables."""
     stop, found = Stop(), {}
     folder.mkdir(parents=True, exist_ok=True)
     with stop.listening(), tqdm(total=len(specs), unit=" bags", disable=None, leave=False) as bar:

@@ -15,14 +15,19 @@ class RememberedCommand(click.Command):
     """A command that remembers its words as they were typed."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Keep the words, then do as click does.
+        """Store the words in the context, then parse them as click does.
 
         Parameters
         ----------
         ctx
-            The context of the command, which keeps them.
+            The context of the command.
         args
             The words after the command's name.
+
+        Returns
+        -------
+        list of str
+            Words that were not parsed, as click returns them.
         """
         ctx.meta[_TYPED] = list(args)
         return super().parse_args(ctx, args)
@@ -31,15 +36,15 @@ class RememberedCommand(click.Command):
 def typed_again(names: Collection[str], *more: str) -> str:
     """Repeat the words of the running command that belong to parameters of these names, quoted for a shell.
 
-    Unnamed arguments come first, then options in the order of `--help`; unnamed ones come last if one
-    of them looks like an option.
+    Unnamed arguments come first, then options in the order of `--help`, then `more`. If an unnamed argument
+    looks like an option, the unnamed ones come last, after `--`.
 
     Parameters
     ----------
     names
-        Names of the parameters whose words are kept.
+        Names of the parameters whose words are repeated.
     more
-        Words of further options.
+        Words to add, such as "-o", "law.py".
     """
     context = click.get_current_context()
     parser = context.command.make_parser(context)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a command shows a result: its text, and its JSON if requested."""
+"""Output of a command's result: its text, and its JSON if requested."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ JSON = click.option("--json", "json_file", metavar="FILE",
 def show(
     result: Result, json_file: str | None, written: Sequence[Path] = (), text: str | None = None
 ) -> None:
-    """Write the result's JSON; print its text and what was written, unless JSON is printed.
+    """Write a result's JSON; print its text and the files written, unless the JSON is printed.
 
     Parameters
     ----------
@@ -28,9 +28,14 @@ def show(
     json_file
         File for the JSON; - is standard output, None means none.
     written
-        Files already written, to be listed.
+        Files already written, to be listed below the text.
     text
-        Text still to be printed, if part of it was printed before; the result's own text if not given.
+        Text to print in place of the result's own, such as the rest of it if part was printed before.
+
+    Raises
+    ------
+    OutputError
+        If the JSON cannot be written.
     """
     tell(result.to_dict(), str(result) if text is None else text, json_file, written)
 
@@ -38,16 +43,23 @@ def show(
 def tell(
     document: Mapping[str, Any], text: str, json_file: str | None, written: Sequence[Path] = ()
 ) -> None:
-    """Write a document as JSON; print the text and what was written, unless JSON is printed.
+    """Write a document as JSON; print a text and the files written, unless the JSON is printed.
 
     Parameters
     ----------
     document
-        Plain values.
+        Plain values, or arrays of them.
     text
         Text for people.
-    json_file, written
-        See `show`.
+    json_file
+        File for the JSON; - is standard output, None means none.
+    written
+        Files already written, to be listed below the text.
+
+    Raises
+    ------
+    OutputError
+        If the JSON cannot be written.
     """
     from smallwheel_ros.common.tables import write_json
 

@@ -20,13 +20,13 @@ class ArgumentError(SmallwheelError):
 
 
 def reason(error: Exception) -> str:
-    """Text of another library's error on one line, or its type's name if it has no text."""
+    """The text of another library's error on one line, or the name of its type if it has no text."""
     text = " ".join(str(getattr(error, "strerror", None) or error).split())
     return text.rstrip(".") or type(error).__name__
 
 
 def nearest(name: str, known: list[str]) -> str:
-    """Make a clause for error messages: the nearest match, if one is near, and the names that exist.
+    """Make the end of an error's message on an unknown name: the name probably meant, and those that exist.
 
     Parameters
     ----------
@@ -34,6 +34,11 @@ def nearest(name: str, known: list[str]) -> str:
         The unknown name.
     known
         The names that exist.
+
+    Returns
+    -------
+    str
+        Such as "did you mean 'slip'? Expected one of load, slip", or without the question if no name is near.
     """
     hint = guess(name, known)
     which = f"xpected {'one of ' if len(known) > 1 else ''}{', '.join(sorted(known))}"
@@ -41,7 +46,7 @@ def nearest(name: str, known: list[str]) -> str:
 
 
 def guess(name: str, known: list[str]) -> str:
-    """Make a question for error messages: whether the nearest match was meant; empty if none is near.
+    """Make a question for error messages: whether the nearest of the known names was meant.
 
     Parameters
     ----------
@@ -49,6 +54,11 @@ def guess(name: str, known: list[str]) -> str:
         The unknown name.
     known
         The names that exist.
+
+    Returns
+    -------
+    str
+        Such as "did you mean 'slip'? ", with a space at its end; empty if no name is near.
     """
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f"did you mean '{close[0]}'? " if close else ""

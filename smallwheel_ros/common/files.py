@@ -19,7 +19,7 @@ from typing import Any
 from smallwheel_ros.common.errors import SmallwheelError
 
 _DRAFT = ".draft."  # in the name of a file that is being written, between its own and eight letters
-_LEFT = 3600.0  # s after which a draft is of a process that was killed: writing takes seconds
+_LEFT = 3600.0  # s after which a draft must be that of a killed process: writing takes seconds
 LARGEST = 1_000_000  # bytes; a model file with the covariance of 200 parameters stays below
 
 
@@ -30,7 +30,7 @@ class OutputError(SmallwheelError):
 def check_target(path: str | Path) -> Path:
     """Return the path if a file can be made there; to be called before a long computation.
 
-    Raises OutputError where the folder is missing or the path is a folder.
+    Raises OutputError if its folder does not exist or the path is a folder.
     """
     path = Path(path)
     if path.is_dir():
@@ -43,19 +43,19 @@ def check_target(path: str | Path) -> Path:
 def check_targets(
     targets: Iterable[str | Path | None], inputs: Iterable[str | Path | None] = ()
 ) -> None:
-    """Refuse outputs that would be lost, or destroy something, before a long computation.
+    """Check before a long computation that outputs can be written and would not overwrite an input.
 
     Parameters
     ----------
     targets
-        Files that a command is to write, - for standard output.
+        Files that a command is to write; - (standard output) and None are ignored.
     inputs
-        Files that it reads.
+        Files that it reads; None is ignored.
 
     Raises
     ------
     OutputError
-        Where a target cannot be made, is an input, or is named twice.
+        If a target cannot be written, is an input, or is named twice.
     """
     paths = [check_target(path) for path in targets if path is not None and str(path) != "-"]
     given = [Path(path) for path in inputs if path is not None]
@@ -73,7 +73,7 @@ def check_targets(
 
 
 def check_folder_target(path: Path | None) -> None:
-    """Refuse a file where a command is to write several into a folder. Raises OutputError."""
+    """Check that a folder for pictures is not an existing file. Raises OutputError if it is."""
     if path is not None and path.exists() and not path.is_dir():
         raise OutputError(f"{path}: a file, expected a folder for the pictures")
 
@@ -97,7 +97,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 
 def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
-    """Let `write` make a file beside `path`, then move it there in one step, as `write_bytes` does.
+    """Let a function write a draft beside `path`, then move the draft there in one step.
 
     A link is kept, and its target replaced. A device or a pipe (/dev/null, /dev/stdout) is written to
     directly: replacing it by a file would take it from every other program.
@@ -105,14 +105,14 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
     Parameters
     ----------
     path
-        Where to write.
+        The file.
     write
-        Called with the path of the draft.
+        Called once with the path of the draft, which it has to write.
 
     Raises
     ------
     OutputError
-        If that is impossible.
+        If the file cannot be written; then an existing one is unchanged.
     """
     path = check_target(path)
     if path.exists() and not path.is_file():
@@ -123,7 +123,7 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
 
 
 def write_together(files: Mapping[Path, bytes]) -> None:
-    """Write files that belong together, in order; none gets its name before all are on the disk.
+    """Write files that belong together: all are written to drafts before the first gets its name.
 
     A process that is killed leaves all of them old or all of them new, except in the moment in which
     they get their names: a reader must check that they belong together.
@@ -131,12 +131,12 @@ def write_together(files: Mapping[Path, bytes]) -> None:
     Parameters
     ----------
     files
-        Contents, by path.
+        Contents by path, in the order in which the files get their names.
 
     Raises
     ------
     OutputError
-        If one cannot be written; then none is changed.
+        If a draft cannot be written, then no file is changed; or if one cannot get its name.
     """
     _put([(check_target(path), partial(_write, content)) for path, content in files.items()])
 
@@ -147,7 +147,7 @@ def _write(content: bytes, draft: Path) -> None:
 
 @contextmanager
 def _said_of(path: Path) -> Iterator[None]:
-    """What the system says of a file, in our words."""
+    """Turn an error of the system on writing a file into an OutputError that names the file."""
     try:
         yield
     except OSError as error:
@@ -155,7 +155,7 @@ def _said_of(path: Path) -> Iterator[None]:
 
 
 def _put(files: Sequence[tuple[Path, Callable[[Path], object]]]) -> None:
-    """Make all files beside their places, then put them there."""
+    """Write all files as drafts beside their places, then move them there."""
     drafts: list[tuple[Path, Path, Path]] = []
     try:
         for path, write in files:
@@ -179,9 +179,9 @@ def _put(files: Sequence[tuple[Path, Callable[[Path], object]]]) -> None:
 
 
 def sweep_drafts(path: Path) -> None:
-    """Delete drafts that killed processes left of a file, or of files whose names begin with its name.
+    """Delete drafts that killed processes have left of a file, and of files whose names begin with its name.
 
-    Only drafts not written to for an hour are deleted; those that cannot be deleted stay.
+    Only drafts that were not written to for an hour are deleted; those that cannot be deleted stay.
     """
     target = Path(os.path.realpath(path))
     for draft in target.parent.glob(f".{glob.escape(target.name)}*{_DRAFT}*"):
@@ -191,7 +191,7 @@ def sweep_drafts(path: Path) -> None:
 
 
 def json_text(document: Mapping[str, Any]) -> str:
-    """The document as JSON text. Raises ValueError for a number that is not finite, which is a defect."""
+    """The document as JSON text. Raises ValueError for a number that is not finite: `tables.plain` first."""
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
@@ -201,8 +201,8 @@ def read_text_file(path: Path | str) -> str:
     Raises
     ------
     OSError
-        If there is no such file, it cannot be read, is no regular file, or is larger; `strerror`
-        says it in words.
+        If there is no such file, it cannot be read, is no regular file, or is larger; `strerror` is
+        the reason in words.
     UnicodeDecodeError
         If it is not UTF-8.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A parameter of the node: its declaration, its allowed values, and what is wrong with a value.
+"""A parameter of the node: its declaration, its allowed values, and the check of a value.
 
 A parameter is a field of a dataclass, declared once: the field's type is its type, and its name is
 the field's, after the names of the groups that contain it.
@@ -33,7 +33,7 @@ Form = Literal["any", "topic", "no_topic", "path"]
 Value = float | int | str | bool | list[str]
 
 WHEEL = "<wheel>"  # stands for a wheel's name, in names, defaults and values of `ALL`
-ALL = "all_wheels"  # parameters that each wheel has that has none of its own
+ALL = "all_wheels"  # group of parameters for each wheel that does not have its own
 _TYPES: dict[str, type] = {
     "double": float,
     "integer": int,
@@ -64,16 +64,20 @@ class NodeParameter:
     kind
         Type of its value; an integer is accepted for a double.
     default
-        None if there is none: it must then be given, or is optional (see the description).
+        Value if none is given; None: the parameter is required, or optional (see the description).
     description
-        What it means.
+        Meaning of the parameter, in sentences.
+    unit
+        Unit of the value, such as `m` or `1`; empty if it is not a number.
     low, high
         Ends of the range, both allowed; None for no limit.
     choices
         Allowed texts or integers; empty: any.
     form
-        Further condition on a text: the name of a topic, of a topic or empty (no_topic), or of a
-        file or empty.
+        Further condition on a text: `any` for none; `topic`: a name of a topic; `no_topic`: such a name, or
+        empty; `path`: a name of a file, or empty.
+    required
+        Whether the parameter must be given.
     at_start
         Whether it is only read at the start of the node, from the file or command line.
     """
@@ -91,14 +95,14 @@ class NodeParameter:
     at_start: bool = False
 
     def for_wheel(self, wheel: str) -> NodeParameter:
-        """Return the parameter of that wheel."""
+        """Return the parameter of the wheel of that name."""
         default = self.default
         if isinstance(default, str):
             default = default.replace(WHEEL, wheel)
         return replace(self, name=self.name.replace(WHEEL, wheel), default=default)
 
     def for_all(self) -> NodeParameter:
-        """Return the parameter that is given once for all wheels."""
+        """Return the parameter by which a value is given for all wheels at once; it has no default."""
         return replace(self, name=self.name.replace(WHEEL, ALL), default=None, required=False)
 
     def taken(self, value: Any) -> Any:
@@ -116,7 +120,7 @@ class NodeParameter:
 
     @property
     def expected(self) -> str:
-        """What values it may have, in words."""
+        """The values that it may have, in words, such as `a double from 0 to 5 s`."""
         if self.choices:
             return " or ".join(repr(choice) for choice in self.choices)
         article = "an" if self.kind == "integer" else "a"
@@ -125,7 +129,7 @@ class NodeParameter:
         return words + (f" {self.unit}" if self.unit not in ("", "1") else "")
 
     def problem(self, value: object) -> str | None:
-        """What is wrong with a value, naming the parameter and the remedy; None if nothing is.
+        """Check a value; return the mistake and its remedy in words, with the name, or None if it is valid.
 
         A value of None stands for a parameter that is not given.
         """
@@ -149,7 +153,7 @@ class NodeParameter:
         return f"{found} {value!r}, expected {wrong}" if wrong else None
 
     def spans(self, value: float) -> bool:
-        """Whether a number is in the range."""
+        """Whether a number is finite and in the range, ends included."""
         low = -math.inf if self.low is None else self.low
         high = math.inf if self.high is None else self.high
         return low <= value <= high and math.isfinite(
@@ -157,7 +161,7 @@ class NodeParameter:
         )  # the other way round 10^400 is an error
 
     def _malformed(self, value: str) -> str | None:
-        """What a text is expected to be, if it is not of its form."""
+        """The form that a text must have, in words, if the value does not have it; None if it has."""
         if not value and self.form != "topic":
             return None
         of_all = self.name.startswith(f"{ALL}.")  # of each wheel by its name
@@ -193,7 +197,7 @@ class NodeParameter:
 
 
 def written(value: Value) -> str:
-    """A value as YAML has it, on one line."""
+    """A value as YAML text on one line."""
     texts = [value] if isinstance(value, str) else value if isinstance(value, list) else []
     # Only in double quotes does a line break stay within its line.
     style = '"' if any("\n" in str(text) for text in texts) else None
@@ -223,15 +227,24 @@ def parameter(
     Parameters
     ----------
     default
-        None if there is none; then the field's type allows None, or the parameter is required.
+        Default value; None if there is none: then the field's type allows None, or the parameter is required.
     unit
         Unit of the value, if it is a number.
     span
-        Ends of its range, in its unit, both allowed.
+        Lowest and highest value, in its unit, both allowed; None for no limits.
     text
-        What it means.
-    form, required, at_start
-        See `NodeParameter`.
+        Meaning of the parameter, in sentences: its `description`.
+    form
+        Condition on a text, see `NodeParameter`.
+    required
+        Whether the parameter must be given.
+    at_start
+        Whether it is only read at the start of the node.
+
+    Returns
+    -------
+    Any
+        The field of the dataclass; it is typed Any, since type checkers see the value's type instead.
     """
     low, high = span or (None, None)
     what = {"unit": unit, "low": low, "high": high, "description": text}
@@ -247,7 +260,7 @@ def topic(default: str, text: str, *, at_start: bool = False) -> Any:
     Parameters
     ----------
     default
-        Name of the topic if none is given.
+        Name of the topic if the parameter is not given; may be empty.
     text
         Description of the topic's messages.
     at_start
@@ -281,7 +294,7 @@ def group_per_wheel(of: type) -> Any:
 
 @cache
 def rows_of(declared: type) -> tuple[NodeParameter, ...]:
-    """Return the parameters of a declaration: its own before those that it inherits."""
+    """Return all parameters declared in a dataclass and its groups: its own before those that it inherits."""
     return tuple(_rows(declared, ""))
 
 
@@ -300,7 +313,7 @@ def _rows(declared: type, before: str) -> Iterator[NodeParameter]:
 
 
 def _row(name: str, hint: Any, default: Any, what: Mapping[str, Any]) -> NodeParameter:
-    """The parameter of a field; its kind and what it may be by the field's type."""
+    """The parameter of a field, with its kind and choices taken from the field's type."""
     if get_origin(hint) in (Union, UnionType):  # of it and None
         (hint,) = (one for one in get_args(hint) if one is not NoneType)
     choices: tuple[Value, ...] = get_args(hint) if get_origin(hint) is Literal else ()
@@ -310,18 +323,19 @@ def _row(name: str, hint: Any, default: Any, what: Mapping[str, Any]) -> NodePar
 
 
 def filled(declared: type[Declared], values: Mapping[str, Any], before: str = "") -> Declared:
-    """Make a declared group from values; the parameter `wheels` names the wheels.
+    """Make an instance of a class that declares parameters, from their values.
 
-    Fields of the class that are not parameters keep their defaults.
+    Fields of the class that are not parameters keep their defaults; lists become tuples.
 
     Parameters
     ----------
     declared
-        The class of the group.
+        The dataclass that declares the parameters.
     values
-        Values of all its parameters, by full name.
+        Values of all its parameters, by full name; for parameters of each wheel also `wheels`, the wheels'
+        names.
     before
-        Prefix of the group's parameter names, such as `cost.`.
+        Prefix of its parameters' names, such as `cost.`.
     """
     found: dict[str, Any] = {}
     for one in fields(declared):  # type: ignore[arg-type]

@@ -34,7 +34,7 @@ _OTHER_NUMBER = re.compile(
 
 
 class PlainYamlError(Exception):
-    """Text that is not YAML as described above: where, and what is wrong."""
+    """Text that is not YAML of this subset; the message has the line and the mistake."""
 
 
 def read_yaml(path: Path | str) -> Any:
@@ -43,7 +43,7 @@ def read_yaml(path: Path | str) -> Any:
     Raises
     ------
     PlainYamlError
-        If the file cannot be read or is not such a document; the path is not in its words.
+        If the file cannot be read or is not such a document; its message does not contain the path.
     """
     try:
         return parse_yaml(read_text_file(path))
@@ -65,12 +65,15 @@ def parse_yaml(text: str) -> Any:
 
 
 def write_yaml(document: Any) -> str:
-    """Return a document as text that `parse_yaml` reads as the same."""
+    """Return a document as text from which `parse_yaml` returns an equal document."""
     return yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
 
 
 def plain_value(text: str) -> str | int | float | bool | None:
-    """Return the value of a text without quotes. Raises ValueError for a number in disguise."""
+    """Return the value of a text without quotes.
+
+    Raises ValueError for text that YAML 1.1 or Python takes for a number, though it is not a decimal one.
+    """
     if text in _NULLS:
         return None
     if text in _BOOLEANS:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which version this is: pages and records of replays say it."""
+"""The version of this package, which pages and records of replays state."""
 
 from __future__ import annotations
 

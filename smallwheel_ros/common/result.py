@@ -40,19 +40,23 @@ class ResultError(SmallwheelError):
 
 
 class Result:
-    """Base of every result; `shown` names the module that shows it, without the package's name."""
+    """Base of every result.
+
+    A class that derives from it names the module that shows its results by the class argument `shown`,
+    without the package's name: `class Replayed(Result, shown="replay.report")`.
+    """
 
     _module: ClassVar[str] = ""
 
     def __init_subclass__(cls, shown: str = "", **how: Any) -> None:
-        """Note what shows results of this class."""
+        """Note the module that shows results of this class."""
         super().__init_subclass__(**how)
         if shown:
             cls._module = f"smallwheel_ros.{shown}"
 
     @classmethod
     def _view(cls, name: str) -> Callable[..., Any] | None:
-        """What shows it in that way, imported now: a result does not bring what draws it."""
+        """The function of that name in the module that shows the result, imported only now; None if none."""
         found: Callable[..., Any] | None = None
         if cls._module:
             found = getattr(import_module(cls._module), name, None)
@@ -77,7 +81,7 @@ class Result:
         return dict(plain(document(self)))
 
     def rows(self) -> Sequence[Row]:
-        """The result as a table: one mapping for each row, all of the same keys, SI units."""
+        """The result as a table: one mapping for each row, all with the same keys, SI units."""
         rows = self._view("rows")
         if rows is None:
             raise NotImplementedError(f"a {type(self).__name__} has no rows")
@@ -85,7 +89,7 @@ class Result:
         return found
 
     def _drawn(self, axes: Axes | None, *how: Any) -> Axes:
-        """Draw the result on these axes, or on those of a new figure. how: what the view takes."""
+        """Draw the result on axes, or on those of a new figure. how: further arguments of `draw`."""
         made, draw = axes_or_new(axes), self._view("draw")
         assert draw is not None, f"a {type(self).__name__} is not drawn"
         draw(made, self, *how)
@@ -120,8 +124,8 @@ class Result:
         """Write the result into a file, whole or not at all; the suffix selects the kind of file.
 
         .json is `to_dict`, .csv the table; some results also have .yaml, the model; .html, the report; and
-        .png, .svg and .pdf, the picture. Raises ResultError for another suffix, OutputError where it cannot
-        be written.
+        .png, .svg and .pdf, the picture. Returns the path. Raises ResultError for another suffix, OutputError
+        if the file cannot be written.
         """
         target = check_target(Path(path))
         known = {
@@ -148,7 +152,7 @@ class Result:
         return found
 
     def write_pictures(self, folder: Path) -> list[Path]:
-        """Write every figure of the result's page as PNG into a folder."""
+        """Write every figure of the result's page as NAME.png into a folder; return the paths."""
         page = self._view("page")
         assert page is not None, f"a {type(self).__name__} has no page"
         written: list[Path] = page(self).write_pictures(folder)
@@ -170,9 +174,14 @@ def write_plot(plot: Callable[[Axes], object], path: Path) -> None:
     Parameters
     ----------
     plot
-        Function that draws into axes of matplotlib.
+        Function that draws on axes of matplotlib.
     path
-        The file; its suffix selects the format.
+        The file; its suffix selects the format, such as .png.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
     """
     from matplotlib.figure import Figure
 
@@ -186,7 +195,7 @@ def _cell(value: Any) -> str:
 
 
 def pandas() -> Any:
-    """The module pandas, imported now. Raises ImportError that says how to do without it."""
+    """Import pandas and return the module. Raises an ImportError that says how to do without it."""
     try:
         import pandas as module
     except ImportError as error:

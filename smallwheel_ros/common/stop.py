@@ -10,14 +10,20 @@ from contextlib import contextmanager
 
 
 class Stop:
-    """Whether the user asked to stop, by Ctrl-C or SIGTERM; the second request stops at once."""
+    """Whether the user asked to stop, by Ctrl-C or SIGTERM; a second request raises KeyboardInterrupt.
+
+    Attributes
+    ----------
+    asked
+        Name of the signal, such as `SIGINT`; empty while none has come.
+    """
 
     def __init__(self) -> None:
         self.asked = ""
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Handle the signals inside the `with` block; only possible in the main thread."""
+        """Handle the signals inside the `with` block; in a thread other than the main one it does nothing."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return

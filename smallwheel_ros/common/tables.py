@@ -18,16 +18,23 @@ from smallwheel_ros.common.files import json_text, write_bytes
 def text_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], right: Collection[int] = ()
 ) -> str:
-    """Align columns by spaces: those of numbers and in `right` to the right, others to the left.
+    """Format a table as text, with columns aligned by spaces.
+
+    Columns of numbers are aligned to the right, others to the left.
 
     Parameters
     ----------
     header
-        One text for each column.
+        Heading of each column.
     rows
-        Cells, as many as the header has.
+        Cells of each row, as many as there are headings.
     right
-        Indices of columns.
+        Indices of further columns to align to the right.
+
+    Returns
+    -------
+    str
+        Lines without a line break at the end.
     """
     columns = list(zip(header, *rows, strict=True))
     widths = [max(len(cell) for cell in column) for column in columns]
@@ -52,14 +59,19 @@ def _is_number(cell: str) -> bool:
 
 
 def each(value: Any, single: Callable[[Any], Any]) -> Any:
-    """Convert mappings, lists and arrays to JSON's form, and apply `single` to every other value.
+    """Convert mappings, lists and arrays to dicts and lists, and apply a function to every value in them.
 
     Parameters
     ----------
     value
-        Any plain value.
+        A value, or mappings, lists, tuples, arrays and columns of values, nested in any way.
     single
-        Converts a single value.
+        Function that converts a single value.
+
+    Returns
+    -------
+    Any
+        Dicts with texts as keys, lists, and converted values.
     """
     if isinstance(value, Mapping):
         return {str(key): each(item, single) for key, item in value.items()}
@@ -71,7 +83,7 @@ def each(value: Any, single: Callable[[Any], Any]) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Convert a value for JSON: arrays become lists, numbers that are not finite become null."""
+    """Convert a value for JSON: arrays become lists, numbers that are not finite become None."""
     return each(value, _single)
 
 
@@ -85,14 +97,14 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
     Parameters
     ----------
     target
-        The file's name.
+        Name of the file, or `-`.
     document
         Plain values; arrays and numbers of numpy are converted.
 
     Raises
     ------
     OutputError
-        Where it cannot be written.
+        If it cannot be written.
     """
     text = json_text(plain(document))
     if target == "-":
@@ -109,12 +121,12 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     path
         The file.
     rows
-        Rows, each with its values by column.
+        Rows, each with its values by column; the columns are in the order of the first row.
 
     Raises
     ------
     OutputError
-        Where it cannot be written.
+        If it cannot be written.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is expected of ground that no wheel has been on, from its terrain class and its slope.
 
-For a class, it is the margin met on it, or its prior. If the slope of a cell is known as well, the slope is
-subtracted; where the class is unknown, the margin is the most that ground like the present one gives.
+For a class, it is the margin that wheels have met on it, or its prior. If the slope of a cell is known as
+well, the slope is subtracted; where the class is unknown, the margin is the largest one that ground like the
+present one gives at any slip.
 """
 
 from __future__ import annotations
@@ -27,19 +28,21 @@ class GroundAhead:
     settings
         Settings of the cost map.
     prior
-        Largest pull over load of any ground, as believed before driving; None if unknown.
-    names, reference_slip
-        Names of terrain classes by number, and the slip at which margins are defined. Classes in
-        `PRIORS` have a margin before any wheel is on them.
+        Largest pull over load (1) to expect of any ground before driving; None if unknown.
+    names
+        Names of the terrain classes, in the order of their numbers. Classes in `PRIORS` have a margin before
+        any wheel is on them.
+    reference_slip
+        Slip at which margins are defined, 1.
 
     Attributes
     ----------
     classes
-        What is known of terrain classes.
+        Margins of the terrain classes.
     class_grid, elevation
-        The newest grid of terrain classes, and the newest slopes.
+        The newest grid of terrain classes, and the newest slopes; None before the first.
     most
-        Largest pull over load of ground like the present one; `prior` before the vehicle has driven.
+        Largest pull over load (1) of ground like the present one; `prior` before the vehicle has driven.
     """
 
     def __init__(
@@ -60,8 +63,8 @@ class GroundAhead:
         self.class_grid: Grid | None = None
         self.elevation: Elevation | None = None
         self.most = prior
-        # Costs, and the tables by class number that they come of: worked out anew once one of these changes,
-        # or what was given.
+        # The table by class number, and the costs computed from it: computed anew once the table or the grid
+        # changes.
         self._level: tuple[Cells, Grid] | None = None
         self._sloping: tuple[Array, Grid] | None = None
         self._numbers: Cells | None = None  # class number of each cell of the elevation, as a byte
@@ -95,34 +98,37 @@ class GroundAhead:
         Parameters
         ----------
         frame
-            Frame of the place.
+            Name of the frame of the place.
         x, y
             The place, m.
 
         Returns
         -------
         int
-            -1 where none is known.
+            Number of the class; -1 outside of the grid, in a frame other than the grid's, and where the grid
+            has none.
         """
         grid = self.class_grid
         cell = grid.cell(x, y) if grid is not None and grid.frame == frame else None
         return UNKNOWN if grid is None or cell is None else int(grid.cells[cell])
 
     def stuck_at(self, frame: str, places: Iterable[tuple[float, float]]) -> None:
-        """Set the places where the vehicle got stuck and has not got through since.
+        """Count places where the vehicle got stuck and has not got through since, for their terrain classes.
+
+        They replace those of the last call. Without a grid of classes nothing is done.
 
         Parameters
         ----------
         frame
-            Their frame.
+            Name of the frame of the places.
         places
-            x and y of each, m.
+            x and y of each place, m.
         """
         if self.class_grid is not None:
             self.classes.stuck_at(self.class_at(frame, x, y) for x, y in places)
 
     def by_class(self) -> Grid | None:
-        """Cost by terrain class, on level ground; None without classes."""
+        """Costs of level ground by its terrain class, as a copy; None without a grid of classes."""
         if self.class_grid is None:
             return None
         table = self.classes.table(self._other)
@@ -133,7 +139,7 @@ class GroundAhead:
 
     @property
     def _other(self) -> Quantity | None:
-        """What a class gives that nothing is known of; None: it has no cost."""
+        """Largest pull over load of a class of which nothing is known; None: such a class has no cost."""
         return self._prior if self._settings.unknown == "prior" else None
 
     def by_slope(self) -> Grid | None:
@@ -153,9 +159,9 @@ class GroundAhead:
         return self._sloping[1]
 
     def _moments(self) -> Array:
-        """Mean and variance of what each class gives, shape (2, 256), by the byte that an int8 is.
+        """Mean and variance of the largest margin of each class, shape (2, 256), by the byte of its int8.
 
-        As of this ground where it is not classified.
+        Ground that is not classified (negative numbers) has the margin of ground like the present one.
         """
         table = np.full((2, 256), np.nan)
         table[:, :128] = np.array(_moments(self._other))[:, None]
@@ -165,13 +171,14 @@ class GroundAhead:
         return table
 
     def _margins(self, ahead: Elevation, table: Array) -> tuple[Array, Array]:
-        """What each cell of an elevation gives and its variance, by its class."""
+        """Largest margin of each cell of an elevation, and its variance, by the cell's class."""
         if self._numbers is None:
             self._numbers = self._classes_of(ahead).view(np.uint8)
         mean, variance = (one.take(self._numbers) for one in table.astype(np.float32))
         if not ahead.classes:
             return mean, variance
-        # Probabilities of several classes: the moments of their mixture; what is left is as without them.
+        # Probabilities of several classes: moments of their mixture; the rest of the probability is for the
+        # cell's class in the grid of classes.
         total = np.maximum(sum(ahead.classes.values(), np.zeros(mean.shape)), 1.0)
         rest = np.ones(mean.shape)
         first, second = np.zeros((2, *mean.shape))
@@ -202,7 +209,7 @@ class GroundAhead:
             index = index.astype(np.intp)
             inside.append((index >= 0) & (index < grid.cells.shape[axis]))
             at.append(index[inside[-1]])
-        # Those inside follow each other.
+        # The indices inside are consecutive.
         rows, columns = (
             slice(int(np.argmax(one)), int(np.argmax(one)) + int(one.sum())) for one in inside
         )

@@ -36,7 +36,7 @@ from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError
 Array = NDArray[np.float64]
 Numbers = NDArray[np.floating[Any]]
 
-PASSABLE = HIGHEST - 1  # the most that what is expected costs
+PASSABLE = HIGHEST - 1  # highest cost of an expectation
 STEEPEST = 2.0  # tangent of a slope: no wheel holds on 63 degrees of any soil
 _EXACT = 1e-9  # standard deviation of a margin that is given as exact
 
@@ -52,29 +52,29 @@ def falls_short(
         Largest pull over load that the ground gives at any slip (1), and its standard deviation; both of one
         shape, whatever it is. Single precision is kept.
     required
-        Pull over load, 1.
+        Pull over load that is required, 1; a number, or an array of that shape.
 
     Returns
     -------
-    ndarray or float
-        0 to 1.
+    ndarray
+        Probability, 0 to 1, of the same shape.
     """
     return np.asarray(ndtr((required - np.asarray(margin)) / np.maximum(deviation, _EXACT)))
 
 
 @dataclass(frozen=True)
 class CostRules:
-    """How a margin becomes a cost.
+    """The rules by which a margin becomes a cost.
 
     Attributes
     ----------
     required_margin
-        Tangent of slopes that the vehicle has to climb in addition to those it has met, 1.
+        Margin needed beyond the slope of the ground, 1: tangent of a further slope, -2 to 2.
 
     Raises
     ------
     CostMapError
-        If that is not the tangent of a slope.
+        If it is outside this range.
     """
 
     required_margin: float = 0.0
@@ -96,8 +96,8 @@ class CostRules:
         deviation
             Standard deviation of the margin, 1.
         shown
-            Pull over load that the ground gave at least when it was crossed, minus the slope, 1; minus
-            infinity if it was not crossed.
+            Pull over load that the ground was seen to give when it was crossed, minus the slope, 1: a lower
+            limit of the margin. Minus infinity if it was not crossed.
 
         Returns
         -------
@@ -111,7 +111,7 @@ class CostRules:
             return round(HIGHEST * float(falls_short(margin, deviation, self.required_margin)))
         if shown >= self.required_margin:
             return 0
-        # Of the logarithms, since what was shown may be far more than what was believed.
+        # By logarithms, since the lower limit may be many deviations above the margin believed.
         enough, more = ((margin - least) / spread for least in (self.required_margin, shown))
         return round(-HIGHEST * math.expm1(float(log_ndtr(enough)) - float(log_ndtr(more))))
 
@@ -121,12 +121,13 @@ class CostRules:
         Parameters
         ----------
         margin, deviation
-            As in `cost`; both of one shape, whatever it is.
+            Largest pull over load at any slip, minus the slope, and its standard deviation, 1; both of one
+            shape, whatever it is.
 
         Returns
         -------
         ndarray
-            int8 of that shape, 99 at most; -1 where a number is NaN.
+            int8 of that shape, 0 to 99; -1 where a number is NaN.
         """
         costs = np.minimum(
             np.rint(HIGHEST * falls_short(margin, deviation, self.required_margin)), PASSABLE

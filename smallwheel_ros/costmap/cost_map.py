@@ -38,7 +38,15 @@ COST_TOPICS = ("cost_bare", "cost")  # below the node's name, of each grid of `C
 
 
 class CostGrids(NamedTuple):
-    """The costs at one moment, on the same cells: each cell's own, and the highest around each."""
+    """The costs at one moment, as two grids of the same cells.
+
+    Attributes
+    ----------
+    bare
+        Each cell's own cost.
+    spread
+        The highest cost within `CostMap.spread` of each cell.
+    """
 
     bare: Grid
     spread: Grid
@@ -52,15 +60,20 @@ class CostMap:
     settings
         Window and rules of the map.
     wheels
-        All wheels.
+        All wheels of the vehicle, for its outline.
     prior
-        Largest pull over load of any ground, as believed before driving (`drive.ground_map.cost_map_of`);
-        None if unknown.
-    names, reference_slip
-        See `GroundAhead`.
+        Largest pull over load (1) to expect of any ground before driving; None if unknown.
+    names
+        Names of the terrain classes, in the order of their numbers.
+    reference_slip
+        Slip at which margins are defined, 1.
 
     Attributes
     ----------
+    settings, outline
+        The settings given, and the outline of the vehicle.
+    free
+        Cost up to which crossed ground counts as free, 0.
     spread
         Distance over which costs are spread, m.
     changed
@@ -85,7 +98,7 @@ class CostMap:
     ) -> None:
         self.settings = settings
         self.outline = Outline(wheels)
-        # To the outermost corner, and as far again as a cell's corner is from its middle.
+        # To the outermost corner, and in addition from a cell's middle to its corner.
         corner = self.outline.around + math.sqrt(0.5) * settings.resolution
         self.spread = corner if settings.spread is None else settings.spread
         self._spreader = Spreader(self.spread)
@@ -102,9 +115,9 @@ class CostMap:
         self.frame = ""
         self._frames: dict[str, Pose] = {}  # of our frame in those above it
         self._pose: Pose | None = None
-        self._given: Pose | None = None  # where it was at the last grid
+        self._given: Pose | None = None  # the pose at the last grid
         self._track = OwnTrack(settings.resolution)
-        # Where it was on ground that cannot be crossed, at the last grid.
+        # The pose at the last grid if the vehicle then stood on ground that cannot be crossed.
         self._held: Pose | None = None
 
     def clear(self) -> None:
@@ -137,28 +150,32 @@ class CostMap:
         Parameters
         ----------
         wheel
-            The wheel.
+            The wheel under whose axle the cost is written, over the vehicle's width.
         frame
-            Frame of the pose.
+            Name of the frame of the pose. If it differs from the last one, all crossed ground is forgotten.
         pose
             Pose of base_link.
         travel
             Distance that the vehicle has travelled, m.
         margin
-            Margin of the vehicle there on the level, that is, without the slope; None if unknown.
+            Margin of the vehicle at the reference slip and on level ground, 1; None if unknown: then only
+            `stuck` and `risk` count.
         stuck
             Whether the vehicle was seen to be stuck there, which costs 100 whatever the margin is. Otherwise
             the cost is 99 at most, since the vehicle does drive there.
         beyond
             Gain of the margin from the reference slip to the slip at which the vehicle no longer moves, 1.
         risk
-            Probability of getting stuck, 0 to 1, by the warning; 0 without a warning.
+            Probability of getting stuck, 0 to 1, by the warning; 0 without a warning. The cost is at least
+            100 times that until the vehicle has got through.
         slope
             Tangent of the steepest slope of the ground there, 1.
         demand
-            Pull over load that is required there in the direction of travel, 1; NaN if unknown.
+            Pull over load that is required there in the direction of travel, 1, for the cost of driving back;
+            NaN if unknown.
         shown
-            Lower limit of the margin there, 1: the pull over load that the ground gave when it was crossed.
+            Lower limit of the margin there, 1: the pull over load that the ground gave when it was crossed;
+            minus infinity if there is none.
         course
             Direction of travel to the left of the heading, rad.
         measured
@@ -179,7 +196,7 @@ class CostMap:
             rules, most = self.settings.rules, margin.value + beyond
             spread_ = margin.standard_deviation
             cost = min(rules.cost(most - slope, spread_, shown - slope), PASSABLE)
-            # The other way as much is given as was asked for on this one.
+            # On the way back, what is required here helps: uphill becomes downhill.
             back = cost if math.isnan(demand) else rules.cost(most + demand, spread_)
             home = min(cost, back)
         if stuck:
@@ -218,7 +235,7 @@ class CostMap:
     # --- What was found before
 
     def remember(self, grid: Grid) -> None:
-        """Load costs of an earlier drive; costs of this drive take precedence."""
+        """Lay costs of an earlier drive under those of this drive."""
         self.remembered, self.changed = grid, True
 
     def place_frame(self, above: str, pose: Pose) -> None:
@@ -227,9 +244,9 @@ class CostMap:
         Parameters
         ----------
         above
-            Name of the frame above.
+            Name of the frame above, such as map.
         pose
-            Pose in it.
+            Pose of the positions' frame in the frame above.
         """
         moved = self._frames.get(above) != pose
         others = self.remembered is not None or self.ahead.elevation is not None
@@ -237,9 +254,10 @@ class CostMap:
         self._frames = {above: pose}
 
     def whole(self) -> Grid | None:
-        """What was crossed, on this and earlier drives, in the frame above that of positions if there is one.
+        """All ground crossed on this drive and earlier ones, also outside the window; None if there is none.
 
-        None where nothing was crossed.
+        It is in the frame above that of the positions if there is one. Earlier drives in another frame are
+        left out.
         """
         ground, old = self._ground.whole(self.frame), self.remembered
         for above, pose in self._frames.items():
@@ -263,7 +281,7 @@ class CostMap:
     def grids(self) -> CostGrids | None:
         """Return the present costs; None until the vehicle's position is known.
 
-        With terrain classes the cells are theirs, else the window's.
+        The cells are those of the grid of terrain classes if there is one, otherwise those of the window.
         """
         bare = self._laid()
         self.changed, self._given = False, self._pose
@@ -275,7 +293,7 @@ class CostMap:
         return CostGrids(bare, dear)
 
     def _laid(self) -> Grid | None:
-        """All layers, what is expected below what was seen; None without any place."""
+        """All layers in one grid, expectations below crossed ground; None while there is no grid at all."""
         ground, old = self._ground.grid(self.frame), self.remembered
         self.ahead.stuck_at(self.frame, self._ground.stuck_places())
         costs, slopes = self.ahead.by_class(), self.ahead.by_slope()
@@ -294,20 +312,20 @@ class CostMap:
         return costs
 
     def _lay(self, costs: Grid, above: Grid) -> None:
-        """Lay a grid over another one where it is known how their frames lie."""
+        """Lay a grid over another one if the pose of its frame in that of the other is known."""
         if above.frame == costs.frame:
             lay_over(costs, above)
         elif costs.frame == self.frame and above.frame in self._frames:
             lay_over(costs, above, self._frames[above.frame].inverse())
 
     def _freed(self, seen: Grid) -> Grid:
-        """What was crossed, with all that is as good as any ground at 0."""
+        """Crossed ground, with costs up to `free` replaced by 0."""
         cells = seen.cells.copy()
         cells[(cells > 0) & (cells <= math.floor(self.free))] = 0
         return replace(seen, cells=cells)
 
     def _leave_way_home(self, costs: Grid) -> None:
-        """Where base_link has been it can drive back: its track costs what that does."""
+        """Reduce the costs along base_link's own track to those of driving back there."""
         pose = HERE if costs.frame == self.frame else self._frames.get(costs.frame)
         if pose is not None:
             self._track.leave_way_home(costs, pose, math.floor(self.free))
@@ -315,7 +333,8 @@ class CostMap:
     def _let_out(self, costs: Grid) -> None:
         """Leave no cell that cannot be crossed around a vehicle that stands on one, until it has left.
 
-        A planner finds no way for a vehicle inside an obstacle. So far around it as costs are spread.
+        A planner finds no way for a vehicle inside an obstacle. Costs of 100 become 99 around the vehicle, to
+        the distance to which they are spread.
         """
         if self._pose is None or costs.frame != self.frame:
             self._held = None
@@ -335,7 +354,7 @@ class CostMap:
             part[rows[gap <= far], columns[gap <= far]] = PASSABLE
 
     def _enter(self, frame: str) -> None:
-        """Note the frame; another one than before is another ground."""
+        """Note the frame of positions; if it has changed, forget the crossed ground."""
         if frame != self.frame:
             if self.frame:
                 remembered = self.remembered
@@ -347,7 +366,7 @@ class CostMap:
 
     @property
     def in_other_frame(self) -> bool:
-        """Whether the classes' grid is in another frame than positions."""
+        """Whether the grid of terrain classes is in another frame than the positions."""
         classes = self.ahead.class_grid
         return classes is not None and bool(self.frame) and classes.frame != self.frame
 
@@ -357,7 +376,7 @@ class CostMap:
 
     @property
     def problem(self) -> str:
-        """Why an input cannot be used, in words; empty where all can."""
+        """Why inputs cannot be used, in words; empty if all can."""
         found = []
         classes, elevation, old = self.ahead.class_grid, self.ahead.elevation, self.remembered
         if classes is not None and self.in_other_frame:

@@ -38,9 +38,9 @@ def draw_cost(
     path
         File of the picture.
     way
-        Places of the robot on its path, m; shape (places, 2).
+        x and y of the robot along its path in the grid's frame, m, shape (places, 2); None: not drawn.
     planned
-        Places of a path that a planner has found, m; shape (places, 2).
+        x and y along a path that a planner has found, m, shape (places, 2); None: not drawn.
     title
         Text above the picture.
     """
@@ -58,7 +58,7 @@ def draw_cost(
     bounds = [UNKNOWN - 0.5, *np.arange(0, HIGHEST, _STEPS) - 0.5, HIGHEST - 0.5, HIGHEST + 0.5]
     across = _span(columns, x0, grid.resolution) if rows.size else extent[:2]
     along = _span(rows, y0, grid.resolution) if rows.size else extent[2:]
-    # As high as the ground is wide against its length, within what can be read.
+    # Of the ground's proportions, within limits in which it can be read.
     height = 7.5 * (along[1] - along[0]) / (across[1] - across[0]) + 1.2
     figure = Figure(figsize=(9.0, min(max(height, 3.0), 9.0)), layout="constrained")
     axes = figure.subplots()

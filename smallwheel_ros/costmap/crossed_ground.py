@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ground that a vehicle covers and has crossed: a window of cells that moves along with it.
 
-At each axle it covers a strip over its whole width. If several wheels pass a cell in one crossing,
-the worst cost counts; of several crossings, the newest.
+At each axle the vehicle covers a strip over its whole width. If several wheels pass a cell in one
+crossing, the highest cost counts; of several crossings, the newest.
 
-Marks lie on top: `HIGHEST` where the vehicle was stuck, less where a warning held. Once the axle is
-a vehicle's length further on, it has got through, and its marks are removed over the whole width.
-Otherwise they stay until a wheel itself has rolled over the cell, since ground between the wheels
-has not been tested.
+Marks are costs on top of these: `HIGHEST` where the vehicle was stuck, less where a warning held. Once
+the axle is a vehicle's length further on, the vehicle has got through, and the marks under this axle are
+removed over the whole width. Otherwise they stay until a wheel itself has rolled over the cell, since
+ground between the wheels has not been tested.
 """
 
 from __future__ import annotations
@@ -29,26 +29,31 @@ Places = NDArray[np.int32]  # rows and columns on the frame's lattice, shape (2,
 Indices = NDArray[np.intp]  # of places in the window's cells, row by row
 
 _MOST_CELLS = 4_000_000
-_MOST_OPEN = 1000  # strips with marks of a wheel: of one that goes to and fro
-LONGEST_STEP = 2.0  # m between two places of a wheel; over more the way is not known
+_MOST_OPEN = 1000  # strips with marks that are kept for a wheel, should it go to and fro
+LONGEST_STEP = 2.0  # m between two places of a wheel; beyond, the path between them is not known
 
 
 class Outline:
-    """The rectangle that the wheels stand on: from one axle to the other, over their outer edges.
+    """The rectangle that the wheels stand on, between the outer axles and the wheels' outer edges.
+
+    Parameters
+    ----------
+    wheels
+        All wheels of the vehicle, with their positions in base_link.
 
     Attributes
     ----------
     front, rear, left, right
-        Its ends from base_link, m; ahead and left positive.
+        Positions of its sides in base_link, m; positive forward and to the left.
     radius
-        How far a wheel protrudes from it at the front and at the rear, m.
+        Largest radius of a wheel, m, by which wheels protrude from it at the front and at the rear.
     half_width
-        From base_link to the outermost edge, m.
+        Distance from base_link to the outermost side, left or right, m.
     around
-        From base_link to the outermost corner, m: the distance that a planner that only knows base_link
-        keeps, as wheels swing out in a turn.
+        Distance from base_link to the outermost corner, m: the distance that a planner that only knows
+        base_link has to keep, since wheels swing out in a turn.
     length
-        From the front of the first wheels to the back of the last, m.
+        Length of the vehicle over its wheels, m.
     """
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
@@ -62,7 +67,7 @@ class Outline:
         self.length = self.front - self.rear + 2.0 * self.radius
 
     def across(self, pose: Pose, wheel: Wheel, course: float = 0.0) -> tuple[Line, Line]:
-        """Compute lines across the path at a wheel's axle: over the vehicle's whole width, and the wheel's.
+        """Compute the lines across the path that a wheel's axle covers: the vehicle's width, and the wheel's.
 
         Parameters
         ----------
@@ -71,13 +76,18 @@ class Outline:
         wheel
             The wheel.
         course
-            Direction of travel to the left of the heading, rad. Then the lines are square to it,
-            and the first as wide as the vehicle's outline looks from there.
+            Direction of travel to the left of the heading, rad. The lines are perpendicular to it.
+
+        Returns
+        -------
+        whole, own : Line
+            Left and right end of each line in the frame of the pose, m: over the width of the outline as
+            seen in the direction of travel, and over the wheel's width.
         """
         cosine, sine = math.cos(course), math.sin(course)
 
         def aside(ahead: float, left: float) -> float:
-            """How far a place of the vehicle is to the left of the course, m."""
+            """Distance (m) of a place of the vehicle to the left of base_link's course."""
             return cosine * left - sine * ahead
 
         ahead, middle = wheel.longitudinal_position, wheel.lateral_position
@@ -119,7 +129,7 @@ class Outline:
 
 
 def side_of(size: float, resolution: float) -> int:
-    """Compute the number of cells along a window's side.
+    """Compute the number of cells along a window's side, rounded up.
 
     Parameters
     ----------
@@ -129,7 +139,7 @@ def side_of(size: float, resolution: float) -> int:
     Raises
     ------
     CostMapError
-        If such a window is impossible.
+        If a cell is larger than the window or not larger than 0, or the window has over 4 million cells.
     """
     if not 0 < resolution <= size < math.inf:
         raise CostMapError(
@@ -146,18 +156,15 @@ def side_of(size: float, resolution: float) -> int:
 
 @dataclass
 class _Strip:
-    """The ground under an axle from a wheel's last place to this one; cost: the newest there, mark: the most.
-
-    ahead: which way the axle goes, x and y.
-    """
+    """The ground under an axle from a wheel's last place to its present one."""
 
     across: tuple[Line, Line]
     places: tuple[Places, Places]  # under the whole width, and under the wheel
-    at: list[Indices]  # where they are in the window
+    at: list[Indices]  # of the places that are in the window
     travel: float
-    cost: int
-    mark: int
-    ahead: tuple[float, float]
+    cost: int  # the newest there
+    mark: int  # the highest there
+    ahead: tuple[float, float]  # unit vector of the axle's direction of travel, x and y
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -167,14 +174,22 @@ class _Strip:
 
 
 class CrossedGround:
-    """Costs of crossed cells, on one lattice of the frame whatever the window's place.
+    """Costs of crossed cells in a square window, and of those that the window has left.
+
+    Corners of cells are at whole multiples of the resolution, wherever the window is.
 
     Parameters
     ----------
     size, resolution
         Side of the window and of a cell, m.
     length
-        Distance of travel within which wheels on one cell belong to one crossing, m: the vehicle's length.
+        Length of the vehicle, m: wheels that pass a cell within this distance of travel belong to one
+        crossing.
+
+    Raises
+    ------
+    CostMapError
+        If such a window is impossible (`side_of`).
     """
 
     def __init__(self, size: float, resolution: float, length: float = 0.0) -> None:
@@ -187,8 +202,8 @@ class CrossedGround:
         """Forget every cell; the window stays where it is."""
         self._empty()
         self._strips: dict[str, _Strip] = {}
-        self._open: dict[str, list[_Strip]] = {}  # that have marks, and it has not got through yet
-        self._left: list[tuple[Places, Cells]] = []  # by the window behind it, oldest first
+        self._open: dict[str, list[_Strip]] = {}  # with marks, until the axle has got through
+        self._left: list[tuple[Places, Cells]] = []  # cells that the window has left, oldest first
 
     def _empty(self) -> None:
         self._cells: Cells = np.full(self._side**2, UNKNOWN, dtype=np.int8)  # row by row
@@ -196,7 +211,7 @@ class CrossedGround:
         self._travel = np.full(self._cells.shape, -np.inf, dtype=np.float32)  # when it was crossed
 
     def follow(self, x: float, y: float) -> bool:
-        """Move the window, if necessary, so that a place lies well inside it.
+        """Centre the window on a place if that is closer to the window's edge than a quarter of its side.
 
         Parameters
         ----------
@@ -206,7 +221,7 @@ class CrossedGround:
         Returns
         -------
         bool
-            Whether it was moved.
+            Whether the window was moved.
         """
         at, side = (math.floor(y / self.resolution), math.floor(x / self.resolution)), self._side
         old, rim = self._corner, side // 4
@@ -231,29 +246,29 @@ class CrossedGround:
     def cross(
         self, wheel: str, across: tuple[Line, Line], travel: float, cost: int, mark: int = UNKNOWN
     ) -> bool:
-        """Record the cost at a wheel's present place.
+        """Record the cost of the ground from a wheel's last place to its present one.
 
-        `follow` must have placed the window. While the wheel is there, its newest cost counts, and the
-        highest of its marks.
+        `follow` must have placed the window. While the wheel stays within half a cell, its newest cost and
+        the highest of its marks count.
 
         Parameters
         ----------
         wheel
             Name of the wheel.
         across
-            The vehicle's width at the wheel's axle, and the wheel's own.
+            Lines over the vehicle's width at the wheel's axle and over the wheel's, from `Outline.across`.
         travel
             Distance that the vehicle has travelled, m.
         cost
-            -1 to 100.
+            0 to 100; -1 if unknown.
         mark
-            Cost that stays whatever comes later, such as 100 where the vehicle was stuck; -1 for
-            none.
+            Cost that later crossings do not lower until the vehicle has got through (see the module's
+            docstring), such as 100 where it is stuck; -1 for none.
 
         Returns
         -------
         bool
-            Whether any cell has changed.
+            Whether a cell may have changed.
         """
         last = self._strips.get(wheel)
         start, ahead = across, _ahead(*across[0])
@@ -274,7 +289,7 @@ class CrossedGround:
         return taken or bool((self._cells[at[0]] != cost).any() or mark != UNKNOWN)
 
     def _take_back(self, wheel: str, now: tuple[float, float]) -> bool:
-        """Take marks back that an axle has left behind by a vehicle's length, the way it went."""
+        """Remove marks that an axle has passed by over a vehicle's length; return whether there were any."""
         still = []
         for strip in self._open.get(wheel, ()):
             (x, y), (c, s) = strip.middle, strip.ahead
@@ -288,7 +303,7 @@ class CrossedGround:
         return taken
 
     def skip(self, wheel: str) -> None:
-        """Record that a wheel's path is unknown from here on."""
+        """Record that a wheel's path from its last place on is unknown: the next strip begins anew."""
         last = self._strips.pop(wheel, None)
         if last is not None:
             self._lay(last)
@@ -306,13 +321,13 @@ class CrossedGround:
         return [((x + 0.5) * self.resolution, (y + 0.5) * self.resolution) for x, y in cells]
 
     def grid(self, frame: str) -> Grid | None:
-        """Return the window as a grid of that frame; its cells are a copy.
+        """Return the costs of the window as a grid in that frame, with marks; its cells are a copy.
 
-        None before `follow` has given it a place, and without a frame.
+        None before `follow` has placed the window, and if the frame's name is empty.
         """
         if self._corner is None or not frame:
             return None
-        # What is under the wheels may still change: it is laid down for this copy only.
+        # Strips under the wheels may still change: they are written for this copy only, then taken back.
         under = np.concatenate(
             [np.empty(0, np.intp), *(at for one in self._strips.values() for at in one.at)]
         )
@@ -328,7 +343,7 @@ class CrossedGround:
         return Grid(frame, self.resolution, origin, cells.reshape(self._side, self._side))
 
     def whole(self, frame: str) -> Grid | None:
-        """Return all crossed ground, inside and outside the window; None where there is none."""
+        """Return all crossed ground, inside and outside the window, in that frame; None if there is none."""
         window = self.grid(frame)
         if window is None:
             return None
@@ -345,7 +360,10 @@ class CrossedGround:
         return Grid(frame, self.resolution, origin, cells)
 
     def _lay(self, strip: _Strip) -> None:
-        """Write a strip: over its width but for where it was stuck before, under the wheel there too."""
+        """Write a strip into the window.
+
+        Over the vehicle's width cells marked as stuck are left alone; under the wheel they are overwritten.
+        """
         cells, marks, travel = self._cells, self._marks, self._travel
         for at, rolled in zip(strip.at, (False, True), strict=True):
             same = strip.travel - travel[at] < self._length
@@ -358,14 +376,14 @@ class CrossedGround:
             travel[at] = strip.travel
 
     def _known(self, cells: Cells) -> tuple[Indices, Places]:
-        """The known ones among the window's cells, and their places."""
+        """Indices of the known cells of the window, and their places on the lattice."""
         known = np.flatnonzero(cells != UNKNOWN)
         corner = (0, 0) if self._corner is None else self._corner
         places = np.stack(np.divmod(known, self._side)) + np.array(corner)[:, None]
         return known, places.astype(np.int32)
 
     def _in_window(self, places: Places) -> tuple[Indices, NDArray[np.bool_]]:
-        """Where those places are that are in the window, and which those are."""
+        """Indices in the window of the places that are inside it, and a mask of these places."""
         assert self._corner is not None
         from_corner = places - np.array(self._corner)[:, None]
         inside = ((from_corner >= 0) & (from_corner < self._side)).all(axis=0)
@@ -378,14 +396,14 @@ class CrossedGround:
 
 
 def _ahead(left: tuple[float, float], right: tuple[float, float]) -> tuple[float, float]:
-    """Which way a vehicle looks whose axle reaches from one place to the other."""
+    """Unit vector (x, y) of the heading of a vehicle whose axle reaches from one place to the other."""
     x, y = left[1] - right[1], right[0] - left[0]
     size = math.hypot(x, y) or 1.0
     return x / size, y / size
 
 
 def _way(last: _Strip, axle: Line) -> tuple[float, float]:
-    """Which way an axle has gone; as before where its middle has hardly."""
+    """Unit vector (x, y) of an axle's motion since its last place; the last one if it has hardly moved."""
     (ax, ay), (bx, by) = axle
     x, y = 0.5 * (ax + bx) - last.middle[0], 0.5 * (ay + by) - last.middle[1]
     size = math.hypot(x, y)
@@ -394,9 +412,9 @@ def _way(last: _Strip, axle: Line) -> tuple[float, float]:
 
 @functools.lru_cache(maxsize=16)
 def _swept(start: Line, end: Line, resolution: float) -> Places:
-    """The cells that a line sweeps from one place to another: two points to a cell each way.
+    """The cells that a line sweeps from one place to another, from two points per cell each way.
 
-    Those that were asked for last are kept: all wheels of an axle ask for the vehicle's width there.
+    The last results are cached: all wheels of an axle need those of the vehicle's width.
     """
     length = max(math.dist(start[0], end[0]), math.dist(start[1], end[1]))
     first = np.array(start)  # (ends, x and y)
@@ -410,5 +428,5 @@ def _swept(start: Line, end: Line, resolution: float) -> Places:
 
 @functools.lru_cache(maxsize=1000)
 def _shares(steps: int) -> NDArray[np.float64]:
-    """From 0 to 1 in so many equal steps."""
+    """Numbers from 0 to 1 in equal steps, shape (1 + steps,)."""
     return np.linspace(0.0, 1.0, 1 + steps, dtype=np.float64)

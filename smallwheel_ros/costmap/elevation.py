@@ -42,8 +42,12 @@ class Elevation:
 
     Attributes
     ----------
-    frame, resolution, origin
-        As in a `Grid`.
+    frame
+        Name of the frame.
+    resolution
+        Side of a cell, m.
+    origin
+        x and y of the corner of cell [0, 0] with the smallest x and y, m.
     slope, deviation
         Tangent of the steepest direction, and its standard deviation; shape (rows along y, columns
         along x), NaN where they are not known.
@@ -69,9 +73,14 @@ def elevation_from(message: Any, layer: str, length: float, names: Sequence[str]
     layer
         Name of the layer of elevations, m.
     length
-        Length of the vehicle, m.
+        Length of the vehicle, m, over which slopes are determined.
     names
-        Names of terrain classes: layers of such a name are probabilities.
+        Names of terrain classes: layers of such a name are probabilities of the class.
+
+    Returns
+    -------
+    Elevation
+        Cells of the message's resolution. Heights of over 1000 km count as unknown.
 
     Raises
     ------
@@ -110,7 +119,7 @@ def elevation_from(message: Any, layer: str, length: float, names: Sequence[str]
 
 
 def layer_of(message: Any, name: str) -> Array:
-    """Read a layer's values, in the order of x and y.
+    """Read a layer's values, sorted by x and y.
 
     Parameters
     ----------
@@ -159,14 +168,22 @@ def layer_of(message: Any, name: str) -> Array:
 
 
 def slopes(heights: Array, resolution: float, length: float) -> tuple[Array, Array]:
-    """Compute the tangent of the steepest direction at each cell, and its standard deviation; same shape.
+    """Compute the slope at each cell from a plane fitted to the square around it.
 
     Parameters
     ----------
     heights
-        m, NaN unknown; shape (rows along y, columns along x).
-    resolution, length
-        Side of a cell, and of the square that the plane is fitted to, m.
+        m, NaN where unknown; shape (rows along y, columns along x).
+    resolution
+        Side of a cell, m.
+    length
+        Side of the square, m; it is rounded to an odd number of cells, at least 3.
+
+    Returns
+    -------
+    slope, deviation
+        Tangent of the steepest direction, 2 at most, and its standard deviation, each of the same shape; NaN
+        where less than `KNOWN` of the square is known.
     """
     cells = max(2 * round(0.5 * (length / resolution - 1.0)) + 1, 3)
     known = np.isfinite(heights)

@@ -55,12 +55,12 @@ class Pose(NamedTuple):
         Parameters
         ----------
         ahead, left
-            The point, m, any shape.
+            Coordinates of the point in base_link, forward and to the left, m, any shape.
 
         Returns
         -------
         x, y : ndarray or float
-            m, same shape.
+            Coordinates of the point in the frame of this pose, m, same shape.
         """
         cosine, sine = math.cos(self.heading), math.sin(self.heading)
         return self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left
@@ -76,7 +76,7 @@ HERE = Pose(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells along the axes of a frame.
+    """Square cells along the axes of a frame, with costs or numbers of terrain classes.
 
     Attributes
     ----------
@@ -85,14 +85,15 @@ class Grid:
     resolution
         Side of a cell, m.
     origin
-        Corner of cell [0, 0] with the smallest x and y, m.
+        x and y of the corner of cell [0, 0] with the smallest x and y, m.
     cells
-        Shape (rows along y, columns along x), int8.
+        Value of each cell, int8, shape (rows along y, columns along x); below 0 is unknown.
 
     Raises
     ------
     CostMapError
-        If a number is not finite, or the cells are not of such a shape.
+        If the frame is empty, a number is not finite, the resolution is not above 0, or the cells are not
+        int8 of such a shape.
     """
 
     frame: str
@@ -101,7 +102,7 @@ class Grid:
     cells: Cells
 
     def __post_init__(self) -> None:
-        """Check what a planner checks."""
+        """Check frame, numbers and shape, as planners do."""
         if not self.frame:
             raise CostMapError("the grid has no frame: header.frame_id is empty")
         if not (math.isfinite(self.resolution) and self.resolution > 0):
@@ -118,7 +119,7 @@ class Grid:
 
     @property
     def geometry(self) -> tuple[str, float, tuple[float, float], tuple[int, ...]]:
-        """Where the cells are; equal for grids whose cells coincide."""
+        """Frame, resolution, origin and shape of the cells: equal for grids whose cells coincide."""
         return self.frame, self.resolution, self.origin, self.cells.shape
 
     def cell(self, x: float, y: float) -> tuple[int, int] | None:
@@ -140,14 +141,19 @@ class Grid:
         return (row, column) if 0 <= row < rows and 0 <= column < columns else None
 
     def around(self, x: float, y: float, reach: float) -> tuple[slice, slice]:
-        """Slices of the rows and columns with all cells within reach of a place; empty if there is none.
+        """Return slices of the rows and columns that contain all cells within reach of a place.
 
         Parameters
         ----------
         x, y
             The place, m.
         reach
-            Distance, m.
+            Distance along each axis, m.
+
+        Returns
+        -------
+        rows, columns : slice
+            They select no cell if none is within reach.
         """
         rows, columns = (
             slice(
@@ -181,9 +187,9 @@ def check_straight(turn: Any, what: str) -> None:
     Parameters
     ----------
     turn
-        Quaternion with x, y, z, w.
+        Quaternion of the grid's origin, a message with x, y, z and w.
     what
-        Name of the grid, for the message.
+        Name of the grid, for the error's message.
 
     Raises
     ------
@@ -199,30 +205,33 @@ def check_straight(turn: Any, what: str) -> None:
         )
 
 
-# --- One laid over another
+# --- Grids on top of each other
 
 
 def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
-    """Write the known cells of a grid into another one; if several fall into one cell, the highest counts.
+    """Write the known cells of a grid into another one.
+
+    If several fall into one cell, the highest counts. Cells that are not smaller than those of the lower
+    grid, and not rotated, are written to each cell whose middle they cover.
 
     Parameters
     ----------
     costs
-        The lower grid, which is changed.
+        The lower grid, which is changed in place.
     above
         The upper grid.
     pose
-        Pose of the upper grid's frame in the lower one's.
+        Pose of the upper grid's frame in the frame of the lower one.
     """
     above = _known_part(above)
     if pose.heading == 0.0 and above.resolution >= costs.resolution:
         _lay_coarser(costs, above, pose)
         return
-    # The dearest last: of several that are written to one cell, the last one stays.
+    # The highest last: of several that are written to one cell, the last one stays.
     known = np.flatnonzero(above.cells >= 0)
     known = known[np.argsort(above.cells.ravel()[known], kind="stable")]
     rows, columns = np.divmod(known, above.cells.shape[1])
-    # Where its cells are the coarser ones, or turned, each covers several: look at their parts.
+    # A cell that is coarser, or rotated, covers several: it is divided into parts.
     scale = above.resolution / costs.resolution * (1.0 if pose.heading == 0.0 else math.sqrt(2.0))
     count = math.ceil(scale - 1e-9)
     parts = (np.arange(count) + 0.5) / count
@@ -238,12 +247,17 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
 
 
 def ends(some: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Slices of the rows and columns from the first to the last marked cell; empty if none is marked.
+    """Return slices of the rows and columns from the first to the last marked cell.
 
     Parameters
     ----------
     some
         Mask of the marked cells, shape (rows, columns).
+
+    Returns
+    -------
+    rows, columns : slice
+        Both are slice(0, 0) if no cell is marked.
     """
     at = (np.flatnonzero(some.any(axis=axis)) for axis in (1, 0))
     rows, columns = (slice(int(e[0]), int(e[-1]) + 1) if e.size else slice(0, 0) for e in at)
@@ -263,7 +277,7 @@ def _known_part(grid: Grid) -> Grid:
 
 
 def _lay_coarser(costs: Grid, above: Grid, pose: Pose) -> None:
-    """Write cells that are no smaller, along the same axes: each cell takes what lies over its middle."""
+    """Write cells that are not smaller, along the same axes: a lower cell takes the one over its middle."""
     first, inside, found = [], [], []
     for axis, shift in ((0, pose.y), (1, pose.x)):
         start = above.origin[1 - axis] + shift - costs.origin[1 - axis]
@@ -288,9 +302,19 @@ def union(frame: str, layers: Sequence[tuple[Grid, Pose]]) -> Grid:
     Parameters
     ----------
     frame
-        Frame of the result.
+        Name of the frame of the result.
     layers
-        Grids, each with the pose of its frame in `frame`.
+        Grids, each with the pose of its frame in `frame`; at least one.
+
+    Returns
+    -------
+    Grid
+        New cells of the finest of the resolutions, over the extent of all grids.
+
+    Raises
+    ------
+    CostMapError
+        If there were more than 100 million cells.
     """
     side = min(grid.resolution for grid, _ in layers)
     corners = np.array(
@@ -377,15 +401,15 @@ def map_files(path: Path, grid: Grid) -> dict[Path, bytes]:
 
 
 def digest_of(grid: Grid) -> str:
-    """SHA-256 of a grid, the same after it was written and read again."""
+    """SHA-256 (hexadecimal) of a grid, the same after the grid was written and read again."""
     place = grid.frame, float(grid.resolution), *map(float, grid.origin[:2]), *grid.cells.shape
     return hashlib.sha256(f"{place}".encode() + grid.cells.astype(np.int8).tobytes()).hexdigest()
 
 
 def read_map(path: Path) -> Grid:
-    """Read what `write_map` has written.
+    """Read a map that `write_map` has written; `path` is the file ending in .yaml.
 
-    Raises CostMapError naming the file, what was found and what was expected.
+    Raises CostMapError that names the file, the mistake and what was expected.
     """
     try:
         content = read_yaml(path)

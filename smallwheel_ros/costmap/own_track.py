@@ -10,14 +10,14 @@ import numpy as np
 from smallwheel_ros.costmap.crossed_ground import LONGEST_STEP, Places
 from smallwheel_ros.costmap.grid import HIGHEST, Cells, Grid, Pose
 
-# Four places of each cell, so that none of a grid that is turned is missed.
+# Four places in each cell, so that no cell of a rotated grid is missed.
 _PARTS = np.array([(a, b) for a in (0.25, 0.75) for b in (0.25, 0.75)])
 
 
 class OwnTrack:
-    """Where base_link has been, and the cost of driving back there.
+    """Cells in which base_link has been, and the cost of driving back over them.
 
-    All the wheels were on crossed ground there, whatever lies beside it.
+    With base_link in such a cell, all wheels were on crossed ground, whatever lies beside it.
 
     Parameters
     ----------
@@ -30,21 +30,23 @@ class OwnTrack:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the way."""
+        """Forget all cells."""
         self._numbers: dict[tuple[int, int], int] = {}  # of each cell, by its row and column
-        # By that number: rows and columns, and the cost, `HIGHEST` where it was stuck; with room for more.
+        # By that number: row and column, and the cost, `HIGHEST` where it was stuck; with room for more.
         self._cells: Places = np.empty((64, 2), dtype=np.int32)
         self._homes: Cells = np.empty(64, dtype=np.int8)
 
     def follow(self, last: Pose, pose: Pose, home: int) -> None:
         """Record the cells from the vehicle's last place to this one, and the cost of driving back over them.
 
+        Where the two are more than `LONGEST_STEP` apart, only the present cell is recorded.
+
         Parameters
         ----------
         last, pose
             Last and present pose of base_link.
         home
-            Cost of the cells on the way back, 0 to 100.
+            Cost of the cells on the way back, 0 to 99; 100 if the vehicle is stuck, which stays.
         """
         gone = math.dist(pose[:2], last[:2])
         steps = max(math.ceil(2.0 * gone / self.resolution), 1)
@@ -65,19 +67,19 @@ class OwnTrack:
             self._homes[number] = home
 
     def leave_way_home(self, costs: Grid, pose: Pose, free: int) -> None:
-        """Reduce the cost of each cell of the track to that of driving back over it.
+        """Reduce the costs of the track's cells to those of driving back; never where the vehicle was stuck.
 
         Parameters
         ----------
         costs
-            Grid to change.
+            Grid, which is changed in place.
         pose
             Pose of the track's frame in that of the costs.
         free
             Cost up to which the way back counts as free (0).
         """
         homes, cells = (one[: len(self._numbers)] for one in (self._homes, self._cells))
-        # The dearest last: of several that are written to one cell, the last one stays.
+        # The highest last: of several that are written to one cell, the last one stays.
         order = np.argsort(homes, kind="stable")
         order = order[homes[order] != HIGHEST]
         homes = np.repeat(np.where(homes[order] <= free, np.int8(0), homes[order]), len(_PARTS))

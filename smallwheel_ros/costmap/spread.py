@@ -10,31 +10,31 @@ import numpy as np
 
 from smallwheel_ros.costmap.grid import UNKNOWN, Cells, Grid, ends
 
-# Cells that are spread at once: what is needed of so many stays in a processor's second cache (1 to 2 MB).
+# Cells that are processed at once: the arrays for so many stay in a processor's second cache (1 to 2 MB).
 _AT_ONCE = 250_000
 
 
 def spread(costs: Cells, reach: float) -> Cells:
-    """Give each cell the highest cost within a reach, measured between middles; unknown cells are ignored.
+    """Give each cell the highest cost within a distance, measured between the middles of cells.
 
     Parameters
     ----------
     costs
-        Shape (rows, columns).
+        Costs, shape (rows, columns); -1 is unknown.
     reach
-        Distance, cells.
+        Distance, in cells.
 
     Returns
     -------
     ndarray
-        Same shape.
+        New costs of the same shape; -1 where no cell within reach is known.
     """
     whole: Cells = costs.copy()
     rows, columns = ends(costs >= 0)
     steps = math.floor(reach)
     if steps < 1 or rows.start == rows.stop:
         return whole
-    # Only where something is known, and so far around it.
+    # Only where something is known, and within reach around it.
     bottom, right = (
         min(one.stop + steps, n) for one, n in zip((rows, columns), costs.shape, strict=True)
     )
@@ -48,16 +48,16 @@ def spread(costs: Cells, reach: float) -> Cells:
 
 
 def _dearest(costs: Cells, reach: float) -> Cells:
-    """The dearest cost within reach of each cell."""
+    """The highest cost within reach of each cell."""
     height, wide, steps = *costs.shape, math.floor(reach)
     width = wide + 2 * steps
     padded: Cells = np.full((height + 2 * steps + 2, width), UNKNOWN, dtype=np.int8)
     padded[steps + 1 : -steps - 1, steps:-steps] = costs
-    # All rows one after the other, with what is unknown between them: a step down is one of a row's width.
+    # All rows in one array, with unknown cells between them: a step down is a step of a row's width.
     run: Cells = padded.ravel()
     begin, size = (steps + 1) * width, height * width
     dearest, other, long = run[begin : begin + size].copy(), np.empty_like(run), 1
-    # Row by row of the disc, from its narrow end to its middle: the dearest of a longer and longer run.
+    # Row by row of the disc, from its narrow end to its middle: the maximum of a longer and longer run.
     for down in range(steps, -1, -1):
         aside = math.floor(math.sqrt(reach**2 - down**2))
         while long < 2 * aside + 1:
@@ -70,12 +70,12 @@ def _dearest(costs: Cells, reach: float) -> Cells:
 
 
 def wide(grid: Grid, reach: float) -> Grid:
-    """Return a grid with costs spread, enlarged on all sides by the reach.
+    """Return a grid that is enlarged on all sides by a distance, with its costs spread over that distance.
 
     Parameters
     ----------
     grid
-        The grid.
+        The grid, which is not changed.
     reach
         Distance over which costs are spread, m.
     """
@@ -128,5 +128,5 @@ def _spread_changes(result: Cells, before: Cells, costs: Cells, reach: float) ->
 
 
 def _wider(part: slice, steps: int, size: int) -> slice:
-    """So many rows or columns more at each end, of as many as there are."""
+    """Extend a slice by `steps` at each end, within 0 to `size`."""
     return slice(max(part.start - steps, 0), min(part.stop + steps, size))

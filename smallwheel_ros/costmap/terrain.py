@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The margins that wheels have met on each terrain class, and what is believed of a named class.
+"""The margins that wheels have met on each terrain class, and the priors of named classes.
 
-A new place of a class is treated as one more draw from the places of it that have been crossed. For a class
-without a name, the mean is that of their margins, and the variance
+A new place of a class is treated as one more draw from the distribution of its places that have been crossed.
+For a class without a name, the mean is that of their margins, and the variance
 
     of the soil's estimate, mean over the places           (an error that all of them share)
   + scatter^2 (1 + 1/N)                                    N: places crossed
 
     scatter^2 = (2 CLASS_SCATTER^2 + sum of squared deviations from the mean) / (N + 1)
 
-the posterior of a normal spread whose prior is worth two places. A class touched once therefore
+the posterior of a normal spread whose prior is worth two places. A class that was crossed once therefore
 costs more than one that has been crossed at length.
 
 For a class with a name in `PRIORS` the prior, with its margin m0 and deviation s0, is worth two places too:
@@ -18,8 +18,8 @@ For a class with a name in `PRIORS` the prior, with its margin m0 and deviation 
     variance  of the estimate N / (2 + N) + (2 s0^2 + sum of squared deviations of all 2 + N) / (2 + N)
 
 The gain beyond the reference slip is the mean over the same places. A place where the vehicle got
-stuck, and has not got through since, counts as one that does not even carry its own load. All of
-this is expectation: it costs 99 at most.
+stuck, and has not got through since, counts as one with a margin of -1. All of this is expectation: it
+costs 99 at most.
 """
 
 from __future__ import annotations
@@ -37,11 +37,10 @@ from smallwheel_ros.costmap.grid import UNKNOWN, Cells, Grid
 from smallwheel_ros.physics.wheel import Quantity
 
 _PRIOR_PLACES = 2.0
-# Standard deviation of the margin between places of one class, until they tell. The friction angle of one
+# Standard deviation of the margin between places of one class, before they show it. The friction angle of one
 # sand differs from place to place by 5 to 15 % (Cherubini and Orr 1999); with 9 %, tan(phi) of 32 degrees
 # differs by 0.07. Of that a wheel at the reference slip 0.4 mobilises 0.65 (Janosi and Hanamoto, 0.1 m of
-# contact, K 15 mm). In the worlds of rates/drive_worlds.py it is 0.04 on sand, 0.06 on soils of any
-# kind.
+# contact, K 15 mm). In the worlds of rates/drive_worlds.py it is 0.04 on sand, 0.06 on soils of any kind.
 CLASS_SCATTER = 0.05
 _NOTHING_HELD = -1.0  # margin of a vehicle that is stuck: its own load holds it back
 
@@ -49,20 +48,28 @@ _NOTHING_HELD = -1.0  # margin of a vehicle that is stuck: its own load holds it
 # The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
 # the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
 REFERENCE_SLIP = 0.4
-# Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
-# second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
+# Slip from which on no more pull is gained: of 17 vehicles that got stuck in snow, the 14 that went on for a
+# second reached it, and none before (the same with 0.6 to 0.7; with 0.8 it is 12).
 SPINS = 0.7
 
 
 class Met(NamedTuple):
-    """Margin at the reference slip, and the gain of the ground at larger slip."""
+    """Margin that a kind of ground gives.
+
+    Attributes
+    ----------
+    margin
+        Drawbar pull over load at the reference slip, 1.
+    beyond
+        Gain of the margin from the reference slip to larger slip, 1.
+    """
 
     margin: Quantity
     beyond: float = 0.0
 
     @property
     def most(self) -> Quantity:
-        """The largest margin that such ground gives at any slip."""
+        """The largest margin that the ground gives at any slip."""
         return Quantity(self.margin.value + self.beyond, self.margin.standard_deviation)
 
 
@@ -72,10 +79,12 @@ class ClassPrior:
 
     Attributes
     ----------
-    grip, resistance
-        H and R, over load, 1.
+    grip
+        Largest thrust over load, H, 1.
     softness
-        K, a slip (Janosi and Hanamoto 1961), 1.
+        Slip at which 63 % of it is reached, K, 1 (Janosi and Hanamoto 1961).
+    resistance
+        Resistance over load, R, 1.
     deviation
         Standard deviation of the margin, 1.
     """
@@ -91,7 +100,7 @@ class ClassPrior:
         return Quantity(pull - self.resistance, self.deviation)
 
     def met(self, reference_slip: float) -> Met:
-        """The margin at that slip, and the gain at larger slip."""
+        """The margin at a reference slip, and the gain from there to a slip of `SPINS`."""
         margin = self.margin(reference_slip)
         return Met(margin, self.margin(max(SPINS, reference_slip)).value - margin.value)
 
@@ -129,7 +138,7 @@ class TerrainSettings:
 
     @property
     def without_prior(self) -> str:
-        """Name the classes whose names imply no prior; empty where all do."""
+        """A sentence on the classes whose names have no prior; empty if all have one."""
         others = [name for name in self.names or () if name not in PRIORS]
         if not others:
             return ""
@@ -150,7 +159,7 @@ class _Class:
     def add(
         self, margin: float, deviation: float = 0.0, times: float = 1.0, beyond: float = 0.0
     ) -> _Class:
-        """With so many more places of a margin, known to a deviation, and what is gained beyond; a copy."""
+        """Return a copy with `times` more places of a margin with that deviation and that gain beyond."""
         count = self.places + times
         step = margin - self.mean
         return _Class(
@@ -162,7 +171,7 @@ class _Class:
         )
 
     def expected(self, prior: Met | None) -> Met:
-        """What to expect at one more place."""
+        """Margin to expect at a new place of the class."""
         if prior is not None:
             before = prior.margin
             whole = self.add(before.value, 0.0, _PRIOR_PLACES, prior.beyond)
@@ -183,9 +192,9 @@ class TerrainClasses:
     rules
         Rules by which a margin becomes a cost.
     apart
-        Places of one wheel that are nearer to each other than this count once, m.
+        Distance, m: a wheel's place of the same class as its last one counts only if it is that far from it.
     priors
-        Margins of classes before they are crossed, by number.
+        Margins of classes before they are crossed, by the number of the class.
     """
 
     def __init__(
@@ -227,7 +236,8 @@ class TerrainClasses:
         Returns
         -------
         bool
-            Whether it was used: not if it is too close to the last place of the class.
+            Whether it was used: not if the class is below 0, or if the wheel's last place is too close and of
+            the same class.
         """
         if terrain < 0:
             return False
@@ -244,14 +254,14 @@ class TerrainClasses:
         return True
 
     def stuck_at(self, terrains: Iterable[int]) -> None:
-        """Set the class at each place where the vehicle got stuck and has not got through since."""
+        """Set the classes of all places where the vehicle got stuck and has not got through since."""
         self._stuck = {}
         for terrain in terrains:
             if terrain >= 0:
                 self._stuck[terrain] = self._stuck.get(terrain, 0) + 1
 
     def contradictions(self) -> list[str]:
-        """Report each class on which the vehicle got stuck, though at fewer than half of its places."""
+        """Report each class where the vehicle got stuck at some places, but at fewer than half of them."""
         places = self.places()
         return [
             f"terrain class {terrain} is both: stuck at {stuck} of {places[terrain]} places: the"
@@ -261,11 +271,11 @@ class TerrainClasses:
         ]
 
     def margins(self) -> dict[int, Quantity]:
-        """Margin to expect at a new place of each class that a wheel has crossed or that has a prior."""
+        """Margin to expect at a new place of each class that was crossed or has a prior, by its number."""
         return {terrain: met.margin for terrain, met in self._expected().items()}
 
     def most(self) -> dict[int, Quantity]:
-        """Largest margin at any slip to expect at a new place of each class."""
+        """Largest margin at any slip to expect at a new place of each class in `margins`, by its number."""
         return {terrain: met.most for terrain, met in self._expected().items()}
 
     def _expected(self) -> dict[int, Met]:
@@ -275,7 +285,7 @@ class TerrainClasses:
         }
 
     def places(self) -> dict[int, int]:
-        """How many places of each class have been crossed, or are those where it got stuck."""
+        """Number of places of each class that were crossed, or where the vehicle got stuck."""
         met = {*self._classes, *self._stuck}
         return {terrain: self._with_stuck(terrain).places for terrain in sorted(met)}
 
@@ -284,12 +294,13 @@ class TerrainClasses:
         return known.add(_NOTHING_HELD, 0.0, stuck) if stuck else known
 
     def table(self, other: Quantity | None = None) -> Cells:
-        """Cost of each class number, shape (256,), indexed by the byte of the int8.
+        """Cost of each class number, int8 of shape (256,), indexed by the number as an unsigned byte.
 
         Parameters
         ----------
         other
-            Largest margin to expect of classes of which nothing is known; None: they have no cost.
+            Largest margin to expect of classes of which nothing is known; None: their cost is -1. Numbers
+            below 0 (bytes from 128 on) have a cost of -1 in any case.
         """
         table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
         if other is not None:
@@ -301,16 +312,16 @@ class TerrainClasses:
         return table
 
     def costs(self, classes: Grid, other: Quantity | None = None) -> Grid:
-        """Turn a grid of class numbers into one of costs.
+        """Turn a grid of class numbers into a new one of costs, on level ground.
 
         Parameters
         ----------
         classes
-            Class numbers.
+            Class numbers; below 0 is not classified.
         other
-            Largest margin to expect of unknown classes; None: they stay unknown.
+            Largest margin to expect of classes of which nothing is known; None: their cost is -1.
         """
-        # By the bytes: numpy would make a number of eight bytes of each first.
+        # By bytes: numpy's indexing would convert each to a number of eight bytes first.
         found = classes.cells.tobytes().translate(self.table(other).tobytes())
         cells: Cells = np.frombuffer(found, np.int8).reshape(classes.cells.shape).copy()
         return replace(classes, cells=cells)

@@ -40,7 +40,7 @@ _PICTURES = ("drive.png", "cost.png")
 _TABLES = ("mobility.csv", "soil.csv")
 _BAND = 1.96  # standard deviations: 95 %
 _RISKY = 0.5  # risk over the first level of the warning, at least
-_PAUSE = 1.0  # s without a warning that end it
+_PAUSE = 1.0  # s without a warning after which it has ended
 
 
 class DemoError(SmallwheelError):
@@ -50,7 +50,7 @@ class DemoError(SmallwheelError):
 def run_demo(
     folder: Path, *, seed: int, distance: float, rate: float
 ) -> tuple[dict[str, Any], str]:
-    """Simulate a drive that ends stuck on a slope, play it into the node, draw what it finds.
+    """Simulate a drive that ends stuck on a slope, play it into the node, and draw the node's estimates.
 
     Each step is reported on standard error.
 
@@ -63,12 +63,13 @@ def run_demo(
     distance
         Distance before the slope that ends the drive, m.
     rate
-        Largest factor on real time.
+        Largest factor on real time; the player waits for the node.
 
     Returns
     -------
     document, text : dict, str
-        Files and results as plain values, and in words.
+        Paths of pictures and tables, and numbers of messages played, of estimates, and of sinkages that the
+        node did not answer (`unanswered`); and the results in words.
 
     Raises
     ------
@@ -160,9 +161,14 @@ def recorded(
     folder
         Folder for the node's log.
     rate
-        Largest factor on real time.
+        Largest factor on real time; the player waits for the node.
     overrides
-        Further parameters by name; they take precedence over the files.
+        Further parameters by name, as they are typed; they take precedence over the files.
+
+    Returns
+    -------
+    PlayedRecording
+        The node's answers, and how long they took.
 
     Raises
     ------
@@ -184,9 +190,9 @@ def recorded(
 
 @contextmanager
 def _own_ros(log_folder: Path) -> Iterator[None]:
-    """A ROS of one's own on this machine, by environment variables, for as long as it lasts.
+    """Separate ROS from that of other programs by environment variables, inside the `with` block.
 
-    The domain is the one of ROS_DOMAIN_ID where that is set, otherwise one by the process number.
+    The domain is that of ROS_DOMAIN_ID if it is set, otherwise one derived from the process id.
     """
     before = dict(os.environ)
     os.environ["ROS_DOMAIN_ID"] = before.get("ROS_DOMAIN_ID") or str(1 + os.getpid() % 100)
@@ -207,7 +213,7 @@ def clip_of(recording: PlayedRecording, epoch: int) -> Clip:
     recording
         The answers.
     epoch
-        Stamp at which the tables' time is 0, ns.
+        Stamp at which the tables' column `time` is 0, ns.
     """
     mobility = _mobility_table(recording.mobility, epoch)
     return Clip(mobility, _soil_table(recording.soil, epoch), recording, epoch)
@@ -239,18 +245,18 @@ def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
     return table.drop(columns=["frame_id"])
 
 
-# --- In words: what the node found, against what was true
+# --- The node's estimates against the truth, in words
 
 
 def summary(full: Clip, answer: dict[str, Any]) -> str:
-    """Say what the node estimated, compared with the truth.
+    """Summarise the node's estimates in lines of text, beside the true values.
 
     Parameters
     ----------
     full
         The node's answers.
     answer
-        True values of the simulated drive.
+        True values of the simulated drive, as its `answer()` gives them.
     """
     found = full.recording
     latencies = np.array(found.latencies) * 1e3
@@ -312,7 +318,7 @@ def _pull(full: Clip, answer: dict[str, Any]) -> str:
 
 
 def _pull_errors(table: pd.DataFrame, answer: dict[str, Any]) -> tuple[Array, Array]:
-    """What estimates of moving wheels are off in drawbar pull, and their standard deviations, N."""
+    """Errors of the drawbar pull of moving wheels (N), and their estimated standard deviations (N)."""
     off, deviations = [], []
     for wheel, rows in table.groupby("wheel"):
         rows = rows.dropna(subset=["drawbar_pull"])
@@ -325,10 +331,10 @@ def _pull_errors(table: pd.DataFrame, answer: dict[str, Any]) -> tuple[Array, Ar
 
 
 def _stuck(rows: list[dict[str, Any]], epoch: int, answer: dict[str, Any]) -> str:
-    """How long before it is stuck the vehicle's messages warn without a pause, at both levels.
+    """A sentence on the distance and time before the vehicle is stuck from which on its messages warn.
 
-    By their stamps: diagnostics come once a second, which is several seconds of a bag that
-    is played faster than it was recorded.
+    For both levels of the warning, and by the stamps of the messages: diagnostics come once a second, which
+    is several seconds of a bag that is played faster than it was recorded.
     """
     stuck = answer["stuck"]
     if stuck is None:

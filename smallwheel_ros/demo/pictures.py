@@ -26,7 +26,7 @@ _WARNED, _LAW = PALETTE["w4"], PALETTE["with"]
 _GROUND = ("#f6efe2", "#e9eef2", "#efe9ef")
 _BAND = 1.96  # standard deviations: 95 %
 _TIME = "time [s]"
-_EVERY = 0.5  # s, over which the wheels' margins are put together
+_EVERY = 0.5  # s, over which the wheels' margins are averaged
 _UNITS = {"k": " [Pa/mⁿ⁺ᵐ]", "n": "", "m": ""}
 
 
@@ -36,13 +36,14 @@ class Clip(NamedTuple):
     Attributes
     ----------
     mobility
-        One row for each estimate; unknown values are blank.
+        One row for each estimate of a wheel: fields of MobilityEstimate, with `time` in s; unknown values are
+        NaN.
     soil
-        One row for each message.
+        One row for each message: fields of SoilEstimate, with `time` in s and standard deviations of k, n, m.
     recording
         The answers as they were received.
     epoch
-        Stamp of time 0 of the tables, ns.
+        Stamp at which `time` is 0, ns.
     """
 
     mobility: pd.DataFrame
@@ -59,9 +60,9 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
     clip
         The node's answers.
     truth
-        True values of the simulated drive.
+        True values of the simulated drive, as its `answer()` gives them.
     warned
-        Times at which the node warned, s.
+        Times at which the node warned, s, on the clock of the tables.
     path
         File of the picture.
     """
@@ -114,7 +115,7 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
 
 
 def _two_in_a_row(what: str, wheels: list[str]) -> list[list[str]]:
-    """Places of the panels of each wheel, six columns wide."""
+    """Two rows of a mosaic with a panel for each of four wheels, each three of six columns wide."""
     places = [f"{wheel}: {what}" for wheel in wheels for _ in range(3)]
     return [places[:6], places[6:]]
 
@@ -124,7 +125,7 @@ def _style(axes: Axes, x: str, y: str, title: str) -> None:
 
 
 def _key(axes: Axes) -> None:
-    """The key in the line of the title, on the right: nothing is under it."""
+    """Add the key in the line of the title, on the right, where it covers nothing."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, fontsize=7.5, frameon=False,
                 borderpad=0.0, borderaxespad=0.3, columnspacing=1.1, handlelength=1.4,
                 handletextpad=0.5)  # fmt: skip
@@ -151,7 +152,7 @@ def _dashed(axes: Axes, time: ArrayLike, true: ArrayLike, label: str = "true") -
 
 
 def _draw_sinkage(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: str) -> None:
-    """Sinkage of a wheel; what is true of it, as long as it moves."""
+    """Draw measured and predicted sinkage of a wheel, and its true sinkage while it moves."""
     time, measured = rows["time"], 1e3 * rows["sinkage_measured"]
     rejected = rows["status"] == Status.REJECTED
     if measured.notna().any():
@@ -167,7 +168,7 @@ def _draw_sinkage(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colou
 
 
 def _draw_pull(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: str) -> None:
-    """Drawbar pull of a wheel; what is true of it, as long as it moves."""
+    """Draw the drawbar pull of a wheel, and its true pull while it moves."""
     _curve(axes, rows, "drawbar_pull", colour, "drawbar pull")
     axes.axhline(0.0, color=INK, linewidth=0.8)
     _dashed(axes, true["time"], np.where(true["moving"], true["drawbar_pull"], np.nan))
@@ -180,7 +181,7 @@ def _draw_pull(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: 
 
 
 def _draw_margin(axes: Axes, mobility: pd.DataFrame) -> None:
-    """Steepest slope that the vehicle holds, mean of the wheels by load, and the risk."""
+    """Draw the steepest slope that the vehicle holds: the wheels' mean margin, weighted by load."""
     known = mobility.dropna(subset=["mobility_margin"])
     instants = (known["time"] / _EVERY).round() * _EVERY
     names = ["mobility_margin", "mobility_margin_standard_deviation"]
@@ -192,7 +193,7 @@ def _draw_margin(axes: Axes, mobility: pd.DataFrame) -> None:
 
 
 def _draw_parameter(axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[str, Any]) -> None:
-    """k, n or m of the soil."""
+    """Draw k, n or m of the soil, estimated and true."""
     value = soil[name]
     if name == "k":
         # k is closer to log-normal: a band in its logarithm never reaches below zero.
@@ -210,14 +211,14 @@ def _draw_parameter(axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[st
 
 
 def _stretch_of_time(truth: Mapping[str, Any]) -> tuple[Array, NDArray[np.intp]]:
-    """Which stretch of soil the middle of the rover is on, over time."""
+    """Times (s), and the index of the stretch of soil under the rover's middle at each, shape (times,)."""
     starts = [stretch["start"] for stretch in truth["stretches"]]
     index = np.searchsorted(starts, truth["rover"]["way"], side="right") - 1
     return np.array(truth["rover"]["time"]), np.maximum(index, 0)
 
 
 def _draw_ground(axes: Axes, truth: Mapping[str, Any], end: float) -> None:
-    """The soils in the background, by name; the last one to the end."""
+    """Shade the soils in the background, with their names; the last one reaches to the end."""
     time, index = _stretch_of_time(truth)
     stretches = truth["stretches"]
     names = list(dict.fromkeys(stretch["name"] for stretch in stretches))

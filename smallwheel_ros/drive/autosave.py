@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Automatic saving of soil and cost map, so that a robot that loses its power loses little.
 
-The content is made in the turn; a thread writes it, since a memory card may take seconds.
+The content is made between turns of the pipeline; a thread writes it, since a memory card may take seconds.
 """
 
 from __future__ import annotations
@@ -17,12 +17,17 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 class Autosave:
     """Saves the soil file automatically.
 
+    Parameters
+    ----------
+    file
+        The soil file. If the soil saved in it could not be used, saving is suspended.
+
     Attributes
     ----------
     held
-        Why saving is suspended, in words; empty unless it is.
+        Why saving is suspended, in words; empty if it is not.
     problem
-        Why the newest attempt failed, in words; empty unless it did.
+        Why the newest attempt failed, in words; empty if it did not.
     failures
         Number of failed attempts.
     """
@@ -37,7 +42,10 @@ class Autosave:
         self._busy: Future[str] | None = None
 
     def begin(self, pipeline: Pipeline, cost_map: CostMap) -> None:
-        """Begin to write what has changed, unless something is being written (`writes`).
+        """Begin to write soil and map in a thread if they have changed since the last time.
+
+        It does nothing while a file is being written (`writes`), if saving is suspended, or before the soil
+        has been measured.
 
         Parameters
         ----------
@@ -52,14 +60,14 @@ class Autosave:
             self._busy = self._thread.submit(self._file.write, given)
 
     def writes(self) -> bool:
-        """Whether a file is being written; collect the result of one that has finished."""
+        """Whether a file is still being written; if not, `problem` and `failures` are up to date."""
         if self._busy is not None and not self._busy.done():
             return True
         self._take_result()
         return False
 
     def finish(self, pipeline: Pipeline, cost_map: CostMap) -> None:
-        """Save what has changed, and wait until it is written.
+        """Save soil and map if they have changed, and wait until they are written.
 
         Parameters
         ----------
@@ -71,7 +79,7 @@ class Autosave:
         self._take_result()
 
     def hold(self, why: str) -> None:
-        """Suspend automatic saving, where the file is worth more than the present state; give the reason."""
+        """Suspend automatic saving, as the file is worth more than the present state; give the reason."""
         self.held = why
 
     def go_on(self) -> None:
@@ -85,7 +93,7 @@ class Autosave:
         return None if given == self._written else given
 
     def _take_result(self) -> None:
-        """Wait for the thread, and take what came of it."""
+        """Wait for the thread, and note whether it failed."""
         if self._busy is None:
             return
         try:

@@ -17,7 +17,7 @@ from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 from .statements import WARNINGS, statements
 
-_PAUSE = 5.0  # s: what is not said for so long begins anew
+_PAUSE = 5.0  # s: a report that was absent for longer is a new event
 _Place = tuple[float, float] | None
 
 
@@ -27,15 +27,17 @@ class Event(NamedTuple):
     Attributes
     ----------
     time
-        Time since the beginning of the bag, s.
+        Time since the beginning of the drive, s.
     travel
-        Path of the vehicle, m.
-    kind, text
-        Kind of the event, and the event in words.
+        Distance that the vehicle had travelled, m.
+    kind
+        `soil_change`, `time_jump`, or the kind of a `Statement`.
+    text
+        The event in words.
     place
         x and y of the vehicle in the odometry's frame, m; None if unknown.
     times
-        How often it happened, if one event stands for several; time and travel are then those of the first.
+        Number of times that it happened; time, travel and place are those of the first.
     """
 
     time: float
@@ -49,14 +51,25 @@ class Event(NamedTuple):
 class DriveEvents:
     """Collects events of a drive by comparing the state after each turn with the one before.
 
+    Parameters
+    ----------
+    pipeline
+        Pipeline whose turns are given to `take`.
+    start
+        Stamp at which times of events are 0, ns.
+
     Attributes
     ----------
+    events
+        The events so far; after `finish` in the order of time.
+    travel
+        Distance that the vehicle has travelled, m.
     examples
-        The first problem with each stream and reason: its explanation and time.
+        By stream and reason, the first problem of that kind: its explanation, and its time (s).
     newest
         The newest estimate of each wheel.
     soils, soil_of
-        Soils under the readings of the newest turn, and the index into them for each reading.
+        Soils under the readings of the newest turn, and the index of each reading's soil, shape (rows,).
     """
 
     def __init__(self, pipeline: Pipeline, start: int) -> None:
@@ -68,23 +81,23 @@ class DriveEvents:
         # A change of soil that is under way: until no more jumps come for a turn of a wheel.
         self._change: Event | None = None
         self._pressure = self._pressure_before = pipeline.soil.reference_pressure
-        self._said: dict[str, float] = {}  # what, without its numbers, and when last, s
-        self._holds: set[str] = set()  # what was said at the end of the last turn
-        self._once: dict[str, int] = {}  # which event a finding is, without its numbers
+        self._said: dict[str, float] = {}  # by text without numbers, when last reported, s
+        self._holds: set[str] = set()  # reports at the end of the last turn, without their numbers
+        self._once: dict[str, int] = {}  # by text without numbers, the index of its event
         self._begin()
 
     def _begin(self) -> None:
-        """Nothing of before holds any more."""
+        """Begin anew, as after a jump of time; events so far are kept."""
         self._note_change()
         self.newest: Estimates = none_of(Estimates)
         self._changes, self._until = 0, 0.0
-        self._raised = [-math.inf, -math.inf]  # s, when each level of the warning was on last
+        self._raised = [-math.inf, -math.inf]  # s, when each level of the warning was last on
         self._version = -1
         self.soils: list[SoilEstimate] = [self._pipeline.soil]
         self.soil_of: Integers = np.empty(0, dtype=np.int64)
 
     def take(self, turn: Turn) -> Flags:
-        """Process a turn; return for which readings the soil was changing."""
+        """Process a turn; return whether the soil was changing at each of its readings, shape (rows,)."""
         if turn.starts_over:
             self._begin()
         rows, estimates = turn.readings, turn.estimates
@@ -118,7 +131,7 @@ class DriveEvents:
         return changing
 
     def _know(self, soil: SoilEstimate, rows: Readings, i: int) -> None:
-        """Take the soil that is believed from a reading on."""
+        """Note the soil that is estimated from reading i on."""
         if soil.soil_changes > self._changes:
             if self._change is None:
                 wheel = self._pipeline.settings.wheels[int(rows.wheel[i])].name
@@ -132,7 +145,7 @@ class DriveEvents:
             self._note_change()
 
     def _warn(self, turn: Turn) -> None:
-        """Note each rise of a level of the warning, also one that is over within the turn."""
+        """Note each rise of the warning's level, even if it ends within the turn."""
         warned, rows = turn.warned, turn.readings
         if warned is None or not len(rows):
             return
@@ -147,7 +160,7 @@ class DriveEvents:
                 self.events.append(Event(time, way, WARNINGS[level - 1], text, _place(rows, row)))
 
     def _look(self, turn: Turn) -> None:
-        """Note what is newly reported; a finding of sensors once, with its count."""
+        """Note new reports; a report on a sensor is one event, with the number of times it was made."""
         rows, now = turn.estimates, self._since(turn.until)
         place = _place(rows, len(rows) - 1) if len(rows) else None
         goes_on, self._holds = self._holds, set()
@@ -181,7 +194,7 @@ class DriveEvents:
 
     @property
     def soil_changes(self) -> int:
-        """How often the soil has changed."""
+        """Number of changes of the soil so far."""
         return sum(event.kind == "soil_change" for event in self.events)
 
     def finish(self) -> None:
@@ -190,7 +203,7 @@ class DriveEvents:
         self.events.sort(key=lambda event: event.time)
 
     def take_problems(self, log_time: int) -> None:
-        """Record new problems with messages."""
+        """Record new problems with messages, at the log time (ns) of the newest message."""
         time = self._since(log_time)
         for problem in self._pipeline.take_problems():
             self.examples.setdefault((problem.stream, problem.reason), (problem.text, time))
@@ -212,6 +225,11 @@ def newest_of(before: Estimates, estimates: Estimates) -> Estimates:
         Newest rows so far, at most one for each wheel.
     estimates
         Rows since then, in the order of their stamps.
+
+    Returns
+    -------
+    Estimates
+        At most one row for each wheel, in the order of stamps.
     """
     rows = Estimates.joined([before, estimates])
     _, last = np.unique(rows.wheel[::-1], return_index=True)

@@ -17,7 +17,7 @@ from smallwheel_ros.pipeline.tables import Array, Integers
 
 Message = tuple[
     str, bytes, int
-]  # topic, what was recorded, what the clock said (ns), 0 without one
+]  # name of the topic, serialised message, time of the clock (ns), 0 without a clock
 
 
 def feed(
@@ -28,16 +28,19 @@ def feed(
 ) -> None:
     """Decode messages, and append their numbers to the pipeline's streams in the order of arrival.
 
+    Messages and values that cannot be used are counted in the pipeline's problems.
+
     Parameters
     ----------
     pipeline
         Pipeline to whose streams the numbers are appended.
     topics
-        Topics by name, with the streams in their messages.
+        Input topics by name, with the streams in their messages.
     decoders
-        Decoders by type of message.
+        Decoder of each topic's messages, by the name of the topic.
     chunk
-        Messages, each with its topic, its bytes, and the time of the clock (ns), 0 without a clock.
+        Messages in the order of arrival: name of the topic, bytes (CDR), and the time of the clock (ns), 0
+        without a clock.
     """
     by_topic: dict[str, list[int]] = {}
     for i, (name, _, _) in enumerate(chunk):
@@ -62,7 +65,7 @@ def feed(
                     continue
                 joint = topic.joints.get(stream)
                 if streams.all[stream].received and joint not in joints:
-                    continue  # of another publisher: joint states come in parts
+                    continue  # of another publisher: each may publish some of the joints
                 there = ", ".join(joints) or "no joint"
                 text = f"topic {name} has no value of its joint; it has {there}"
                 times = joints.count(str(joint))
@@ -80,7 +83,7 @@ def feed(
                 streams.note(stream, "no_value", text, index.size)
     rows: dict[str, tuple[Integers, Array, Integers]] = {}
     for stream, groups_of in parts.items():
-        if len(groups_of) == 1:  # in order as it is
+        if len(groups_of) == 1:  # in order already
             rows[stream] = groups_of[0]
             continue
         stamps, values, order = (np.concatenate(column) for column in zip(*groups_of, strict=True))
@@ -97,9 +100,9 @@ def feed(
 def _by_their_joints(
     pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, Integers]]
 ) -> dict[str, Integers]:
-    """Speeds of wheels in place of their joints' values; how they are computed is reported once.
+    """Replace rows of wheels' joints by rows of wheel speeds, in place; report once how they are computed.
 
-    Returns by stream the stamps of messages that show that its speed is not known any more: their velocity
+    Returns by stream the stamps of messages that show that its speed is no longer known: their velocity
     is in another unit, or 0 while their position moves.
     """
     ended: dict[str, Integers] = {}
@@ -132,7 +135,7 @@ def _by_their_joints(
 
 
 def _steered(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, Integers]]) -> None:
-    """Steering angles without those that are none; what is odd of them is counted."""
+    """Remove rows that cannot be steering angles, in place; count them, and angles that come in steps."""
     for stream in [name for name in rows if name.endswith("/steering")]:
         stamps, values, order = rows.pop(stream)
         steering = pipeline.steering[stream]

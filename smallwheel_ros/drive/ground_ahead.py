@@ -13,12 +13,21 @@ from smallwheel_ros.onboard.settings import NodeSettings
 
 CLASSES, ELEVATION = "nav_msgs/msg/OccupancyGrid", "grid_map_msgs/msg/GridMap"
 
-# Takes topic, reason and words of something that went wrong.
+# Called with the topic, the reason and the description of something that went wrong.
 Report = Callable[[str, str, str], None]
 
 
 class AheadInputs:
     """Gives messages about the ground ahead to a cost map, and reports those that cannot be used.
+
+    Parameters
+    ----------
+    settings
+        The node's settings, for the names of topics, layers and terrain classes.
+    cost_map
+        Map that takes terrain classes and slopes.
+    report
+        Called with the topic, the reason and the problem in words, for each message that cannot be used.
 
     Attributes
     ----------
@@ -32,7 +41,7 @@ class AheadInputs:
 
     @property
     def topics(self) -> dict[str, tuple[str, Callable[[Any], bool]]]:
-        """Topics listened to, each with its type and the function that takes its messages."""
+        """By the name of each topic to listen to, its type and the function that takes its messages."""
         found = {
             self._settings.terrain_classes_topic: (CLASSES, self.take_classes),
             self._settings.elevation_topic: (ELEVATION, self.take_elevation),
@@ -40,7 +49,7 @@ class AheadInputs:
         return {name: one for name, one in found.items() if name}
 
     def take_classes(self, message: Any) -> bool:
-        """Take a grid of terrain classes (nav_msgs/OccupancyGrid); return whether it is a valid one."""
+        """Take a grid of terrain classes (nav_msgs/OccupancyGrid); return whether it is valid."""
         self.grids += 1
         topic = self._settings.terrain_classes_topic
         try:
@@ -53,7 +62,7 @@ class AheadInputs:
         return True
 
     def take_elevation(self, message: Any) -> bool:
-        """Take a map of elevations (grid_map_msgs/GridMap); return whether it is a valid one."""
+        """Take a map of elevations (grid_map_msgs/GridMap); return whether it is valid."""
         self.elevations += 1
         settings, length = self._settings, self._map.outline.length
         topic, names = settings.elevation_topic, settings.terrain.names or ()

@@ -30,7 +30,7 @@ _OF_MARGIN = ("margin", "margin_std", "margin_source", "information")
 
 
 def cost_map_of(settings: NodeSettings) -> CostMap:
-    """The cost map of a vehicle before it has driven."""
+    """Make the cost map of a vehicle that has not driven yet."""
     onboard = settings.onboard
     prior, names = margin_before_driving(onboard), settings.terrain.names or ()
     return CostMap(settings.cost, onboard.wheels, prior, names, settings.reference_slip)
@@ -40,7 +40,19 @@ class GroundMapper:
     """Writes estimates into the map at the places where the wheels were.
 
     A cell has the vehicle's margin, not that of a single wheel: a wheel that cannot move by itself is
-    dragged along by the others. At a border, wheels on the other soil are left out.
+    dragged along by the others. At a border between soils, wheels on the other soil are left out.
+
+    Parameters
+    ----------
+    cost_map
+        The map.
+    wheels
+        All wheels, in the order of their numbers.
+
+    Attributes
+    ----------
+    map
+        The cost map given.
     """
 
     def __init__(self, cost_map: CostMap, wheels: tuple[Wheel, ...]) -> None:
@@ -53,29 +65,33 @@ class GroundMapper:
         self.map.clear()
         count = len(self._wheels)
         self._was_shown: Array = np.full(count, -np.inf)  # at each wheel's newest row
-        # Of the newest row of each wheel: stamp; load, margin, its deviation, what is gained beyond; whether
-        # it is elsewhere.
+        # Of the newest row of each wheel: stamp; load, margin, its deviation, gain beyond the reference slip;
+        # whether the wheel is on another soil than the others.
         self._newest: list[NDArray[Any]] = [
             np.full(count, NEVER), *np.full((4, count), np.nan), np.zeros(count, dtype=bool)
         ]  # fmt: skip
-        # Where the vehicle was of late: stamps of rows with a place, x and y (m).
+        # Recent places of the vehicle: stamps of rows with a place, x and y (m).
         self._places: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((2, 0))
 
     def take(self, found: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
         """Write estimates into the map, and return the vehicle's rows with the margin of their terrain class.
 
-        A row of the vehicle is changed only if its margin is no better known than that of any ground. It then
-        gets the margin of the class under the vehicle just before its stamp, learnt from all wheels' rows up
-        to that stamp.
+        A row of the vehicle is changed only if its margin is that of any ground. It then gets the margin of
+        the class under the vehicle just before its stamp, learnt from all wheels' rows before that stamp.
 
         Parameters
         ----------
         found
             Rows of the wheels since the last call, in the order of their stamps.
         vehicle
-            Rows of the vehicle over the same time.
+            Rows of the vehicle over the same time, in the order of their stamps.
         frame
-            Frame of the places of both.
+            Name of the frame of both rows' places; empty if unknown.
+
+        Returns
+        -------
+        VehicleEstimates
+            A copy of the vehicle's rows; `vehicle` itself if there is no grid of terrain classes.
         """
         if self.map.ahead.class_grid is None:
             self.add(found, frame)
@@ -112,16 +128,16 @@ class GroundMapper:
         """Write rows of estimates into the map.
 
         Every margin counts, with its standard deviation: without a measured sinkage, it rests on the balance
-        of forces and the torque, or on the prior. A cell is unknown where the measured sinkage did not fit. A
+        of forces and the torque, or on the prior. A row whose measured sinkage did not fit has no margin. A
         vehicle is stuck if it certainly does not move although its rims turn, or if a wheel was measured to
-        be as deep as its axle; where only the soil's law predicts that depth, it is expected to get stuck.
+        be sunk to its axle; where only the soil's law predicts that depth, the risk of getting stuck is 1.
 
         Parameters
         ----------
         found
             Estimates of wheels, in the order of their stamps.
         frame
-            Frame of the odometry; empty if unknown.
+            Name of the odometry's frame; empty if unknown: then nothing is written.
         """
         self._keep_places(found)
         stuck = found.spins | self._seen_sunk(found)
@@ -174,7 +190,7 @@ class GroundMapper:
         if known:
             newest, more = margins[known[-1]], beyond[known[-1]]
             assert newest is not None
-            # Of ground ahead as much is unsure as the places of one field differ by.
+            # For ground ahead, the spread between places of one field is added.
             spread = math.hypot(newest.standard_deviation, float(scatter_ahead(newest.value)))
             self.map.expect(Quantity(newest.value + more, spread))
 
@@ -184,24 +200,24 @@ class GroundMapper:
             return
         first, newest = found.stamp[known[[0, -1]]].tolist()
         stamps, places = self._places
-        # Later ones are there where time has gone back.
+        # Later stamps are there if time has jumped back.
         kept = (stamps > newest - 2 * STALE) & (stamps <= first)
         stamps = np.concatenate([stamps[kept], found.stamp[known]])
         places = np.hstack([places[:, kept], np.stack([found.x, found.y])[:, known]])
         self._places = stamps, places
 
     def _seen_sunk(self, found: Estimates) -> Flags:
-        """Whether a wheel was measured, surely, to be as deep as its axle."""
+        """Whether each row's measured sinkage is beyond the axle, by two standard deviations."""
         radius = np.array([0.5 * wheel.diameter for wheel in self._wheels])[found.wheel]
         spread = np.nan_to_num(found.sinkage_measured_std)
         return np.asarray(found.sinkage_measured - _SURELY * spread > radius)
 
     def _shown(self, found: Estimates, trouble: Flags) -> Array:
-        """Margin that the ground has shown at each row: what was asked for where the vehicle got on with it.
+        """Lower limit of the margin at each row: the pull over load required where the vehicle went on.
 
-        -inf where nothing was shown: without slip, at a slip over that of the margin, where a warning held.
-        What was asked for is at least that of a way down the slope there. A wheel that stands has been shown
-        what it was before.
+        -inf where there is none: with unknown slip, at or over the reference slip, or in `trouble`. If the
+        pull required is unknown, it is taken to be that of driving down the slope there. A wheel that stands
+        keeps the limit from before it stood.
         """
         asked = np.where(np.isnan(found.demand), -found.tilt, found.demand)
         gets_on = ~trouble & (found.slip < self._reference_slip)
@@ -217,15 +233,15 @@ class GroundMapper:
         return shown
 
     def _margins(self, found: Estimates) -> tuple[list[Quantity | None], list[float]]:
-        """Margin of the vehicle at each row, by the wheels that are on one soil with the row's.
+        """Margin of the vehicle at each row, from the wheels on the same soil as the row's, weighted by load.
 
-        Its median, and the standard deviation of its lower half, of which costs are made; and what is gained
-        beyond the reference slip, 0 where nothing is known.
+        Returns its median with the standard deviation of its lower half, for costs (None where unknown), and
+        the gain beyond the reference slip, 0 where unknown.
         """
         count, rows = len(self._wheels), np.arange(len(found))
         margins = found.margin_median, found.margin_lower_std, found.margin_beyond
         columns = (found.stamp, found.load, *margins, found.elsewhere)
-        # What was newest of each wheel before these rows, then the rows; and which is at each row.
+        # The newest row of each wheel before these, then these; `at`: the newest of each wheel at each row.
         stamp, load, margin, deviation, beyond, elsewhere = (
             np.concatenate([before, column])
             for before, column in zip(self._newest, columns, strict=True)
@@ -243,7 +259,7 @@ class GroundMapper:
         weighed = np.isfinite(weight).all(axis=1, keepdims=True)
         weight = np.where(weighed, weight, known)
         total = weight.sum(axis=1)
-        # All wheels stand on one estimated soil, so their errors are taken to go together.
+        # All wheels stand on one estimated soil, so their errors are taken to be fully correlated.
         value, spread, more = (
             (weight * np.where(known, column[at], 0.0)).sum(axis=1)
             / np.where(total > 0.0, total, 1.0)

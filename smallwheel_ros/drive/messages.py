@@ -21,7 +21,7 @@ from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
 
-# Flags of MobilityEstimate.msg, and the quantities that they are about: 0 where they are not known.
+# Flags of MobilityEstimate.msg, and the quantities that each is about, which are 0 where it is false.
 VALID = {
     "load_valid": ("load",),
     "slip_valid": ("slip",),
@@ -48,15 +48,18 @@ _WITHOUT_DEVIATION = ("probability_drawbar_pull_positive",)
 def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]:
     """Make a column for each field of MobilityEstimate.msg except its header; row i of them is message i.
 
-    The header's stamp is that of the row (ns), its frame_id the wheel's frame. An unknown number is 0, and
-    its flag false.
-
     Parameters
     ----------
     estimates
         Rows of one turn.
     pipeline
         Pipeline that computed them, for the names of the wheels and the status of its soil.
+
+    Returns
+    -------
+    dict
+        By name of the field, an array or a list of length rows, SI units; an unknown number is 0, and its
+        flag false.
     """
     names = [wheel.name for wheel in pipeline.settings.wheels]
     found: dict[str, Any] = {
@@ -89,6 +92,11 @@ def status_texts(estimates: Estimates, pipeline: Pipeline) -> list[str]:
         Rows of one turn.
     pipeline
         Pipeline that computed them.
+
+    Returns
+    -------
+    list of str
+        One for each row: clauses joined by semicolons, empty if no condition applies.
     """
     texts: dict[tuple[int, int], str] = {}
     found = []
@@ -167,14 +175,19 @@ def strength_of_prior(settings: OnboardSettings) -> str:
 
 
 def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
-    """Make the fields of SoilEstimate.msg except its header; the covariance has shape (9,).
+    """Make the fields of SoilEstimate.msg except its header.
 
     Parameters
     ----------
     soil
-        The present estimate of the soil.
+        Estimate of the soil.
     rejected
-        How many measurements were not used, for any reason.
+        Number of measurements that were not used, for any reason.
+
+    Returns
+    -------
+    dict
+        Values by name of the field, SI units; the covariance has shape (9,), as in the message.
     """
     modulus, deviation = soil.effective_modulus()
     known = soil.identifiable
@@ -201,7 +214,7 @@ def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
     }
 
 
-# Flags of VehicleMobility.msg, and the columns of `VehicleEstimates` that they are about.
+# Flags of VehicleMobility.msg, and the quantities that each is about, which are 0 where it is false.
 VEHICLE_VALID = {
     "speed_valid": ("speed", "course"),
     "slip_valid": ("slip", "slip_left", "slip_right"),
@@ -216,7 +229,7 @@ _VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepe
 def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
     """Make a column for each field of VehicleMobility.msg except its header; row i of them is message i.
 
-    An unknown number is 0, and its flag false.
+    They are by name of the field, in SI units. An unknown number is 0, and its flag false.
     """
     slope = np.arctan(rows.margin), rows.margin_std / (1.0 + rows.margin**2)
     values = {
@@ -246,10 +259,10 @@ def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
 
 
 def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
-    """Largest pull over load to expect of any ground before driving; None without a rolling wheel.
+    """Largest pull over load (1) to expect of any ground before driving; None without a rolling wheel.
 
-    It is the median margin plus the gain beyond the reference slip, with the standard deviation of its lower
-    half.
+    It is the median margin of any ground plus the gain beyond the reference slip. Its standard deviation is
+    that of the margin's lower half, together with the scatter between places of one field.
     """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None

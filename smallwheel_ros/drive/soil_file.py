@@ -21,23 +21,23 @@ from .messages import soil_fields
 
 
 class SoilFileError(SmallwheelError):
-    """Why a soil is not saved."""
+    """A soil cannot be saved; the message says why."""
 
 
 @dataclass(frozen=True)
 class SoilAndMap:
-    """Files to be saved: that of the soil, and those of the cost map, which are written first.
+    """Contents of the files to be saved: that of the soil, and those of the cost map.
 
     Attributes
     ----------
     soil
         Content of the soil's file.
     beside
-        Contents of the cost map's files, by path.
+        Contents of the cost map's files by path, which are written before the soil's; empty for no map.
     digest
-        SHA-256 of the map that belongs to the soil.
+        SHA-256 of the map that belongs to the soil (`grid.digest_of`); None for no map.
     words, map_words
-        Soil and map in words.
+        What is saved of the soil and of the map, in words for the user.
     """
 
     soil: bytes
@@ -48,11 +48,16 @@ class SoilAndMap:
 
 
 class SoilFile:
-    """The file named by the parameter soil.file; an empty name means none.
+    """The file of a saved soil (parameter soil.file), and the cost map saved beside it.
 
     The file contains the SHA-256 of the map that was saved with it, so that a map of another soil is
-    not used. That map is kept under a name of its own until another soil is saved: a process killed
-    between the two files leaves a matching pair.
+    not used. When a new pair is saved, the old map is first copied to a second name: if the process is
+    killed before the new soil is written, the old soil still has its map.
+
+    Parameters
+    ----------
+    name
+        Path of the file; empty for no file.
 
     Attributes
     ----------
@@ -73,7 +78,10 @@ class SoilFile:
     # --- Going on from it
 
     def restore(self, pipeline: Pipeline) -> str:
-        """Restore an estimate from the file; return what was restored, in words."""
+        """Restore the pipeline's state from the file; return what was restored, in words, or an empty text.
+
+        If the file cannot be used, `problem` says why, and the pipeline is reset.
+        """
         if self._path is None:
             return ""
         sweep_drafts(self._path)
@@ -95,7 +103,11 @@ class SoilFile:
         return f"soil restored from {self._path}: {pipeline.soil.accepted} measurements"
 
     def restore_map(self, cost_map: CostMap) -> str:
-        """Restore the cost map saved with the soil; return whether that worked, in words."""
+        """Restore the cost map that was saved with the soil, after `restore`.
+
+        Returns what was restored, or why the map is not used, in words; an empty text if there is no map or
+        the soil was not restored.
+        """
         path, before = self._map_path, self._before
         if path is None or before is None or not path.exists() or self.problem:
             return ""
@@ -150,7 +162,7 @@ class SoilFile:
         return SoilAndMap(pipeline.saved(digest), beside, digest, of_soil, words)
 
     def write(self, given: SoilAndMap) -> str:
-        """Write the prepared files; return what was written, in words. Raises SmallwheelError on failure."""
+        """Write prepared files; return what was written, in words. Raises SmallwheelError if it fails."""
         assert self._path is not None
         check_may_replace(self._path)
         beside, map_words = given.beside, given.map_words
@@ -164,7 +176,7 @@ class SoilFile:
         return "; ".join(filter(None, [given.words, map_words]))
 
     def _keep_what_goes_with_the_soil(self) -> None:
-        """Give the map that is about to be replaced another name; raise where there is something else."""
+        """Copy the map that is about to be replaced to its second name, if it belongs to the saved soil."""
         assert self._map_path is not None
         assert self._before is not None
         there = read_map(self._map_path)
@@ -172,12 +184,17 @@ class SoilFile:
             write_map(self._before, there)
 
     def save(self, pipeline: Pipeline, cost_map: CostMap) -> tuple[bool, str]:
-        """Save soil and cost map; return whether that worked, and a sentence for the user.
+        """Save soil and cost map, if there is anything to save.
 
         Parameters
         ----------
         pipeline, cost_map
-            See `prepared`.
+            Pipeline whose soil is saved, and the cost map that is saved with it.
+
+        Returns
+        -------
+        saved, words : bool, str
+            Whether the soil was saved, and what was saved or why nothing was, in words for the user.
         """
         try:
             return True, self.write(self.prepared(pipeline, cost_map))

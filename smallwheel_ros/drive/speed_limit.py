@@ -10,11 +10,11 @@ from smallwheel_ros.pipeline.tables import Estimates
 
 NO_LIMIT = 0.0  # as Nav2 has it: it cannot say stop
 _MAY_GET_STUCK, _GETS_STUCK = 50.0, 20.0  # percent of the speed
-_WITHOUT = 2.0  # m without a warning, after which nothing holds it back any more
+_WITHOUT = 2.0  # m without a warning after which there is no limit any more
 
 
 class SpeedLimit:
-    """The speed limit: 50 % from a first warning until 2 m without any, 20 % while the vehicle gets stuck.
+    """The speed limit: 50 % from a warning on until 2 m without any, 20 % while the vehicle gets stuck.
 
     Attributes
     ----------

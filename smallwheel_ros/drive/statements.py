@@ -16,7 +16,19 @@ _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 class Statement(NamedTuple):
-    """Something to report: its entry in the diagnostics, kind, severity, and text."""
+    """Something to report.
+
+    Attributes
+    ----------
+    entry
+        Entry of the node's diagnostics that it belongs to.
+    kind
+        Kind of the report, one of `Kind`.
+    is_error
+        Whether it is an error; otherwise it is a warning.
+    text
+        The report, a sentence without its full stop.
+    """
 
     entry: Entry
     kind: Kind
@@ -41,7 +53,12 @@ def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
     pipeline
         Pipeline whose findings and alarms are reported.
     newest
-        The newest row of each wheel.
+        The newest row of each wheel, for the vehicle's margin.
+
+    Returns
+    -------
+    tuple of Statement
+        Alarms first, then the vehicle's margin, the filter, and findings on sensors.
     """
     found = list(alarms(pipeline))
     margin = vehicle_margin(newest)
@@ -55,7 +72,7 @@ def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
 
 
 def alarms(pipeline: Pipeline) -> tuple[Statement, ...]:
-    """The reports that need action at once."""
+    """The reports that need action at once: a warning of getting stuck, and a missing effect."""
     found = []
     level = pipeline.level
     if level:

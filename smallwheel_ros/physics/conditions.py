@@ -28,12 +28,14 @@ class Conditions:
 
     Attributes
     ----------
-    load, diameter, width
-        N, m, m; shape (rows,).
+    load
+        Normal load, N, shape (rows,).
+    diameter, width
+        Size of the wheel or plate, m, shape (rows,); the width of a round plate may be NaN or 0.
     contact
-        One of `CONTACTS` for each row.
+        `rolling`, `pressed` or `plate` for each row, shape (rows,).
     soil
-        Name of each row's soil; None if there is only one.
+        Name of each row's soil, shape (rows,); None if there is only one soil.
     covariates
         Further columns by name (slip, speed, pass_number, moisture, ...), each of shape (rows,).
     """
@@ -56,25 +58,28 @@ class Conditions:
         soil: ArrayLike | None = None,
         **covariates: ArrayLike,
     ) -> Conditions:
-        """Conditions from scalars and arrays, broadcast to one length.
+        """Make conditions from scalars and one-dimensional arrays, broadcast to one length.
 
         Parameters
         ----------
         load
             Normal load, N, above 0.
-        diameter, width
-            Size of the wheel, or of the plate (its equivalent diameter), m, above 0.
+        diameter
+            Diameter of the wheel, or equivalent diameter of the plate, m, above 0.
+        width
+            Width of the wheel, m, above 0; of a plate its smaller side, NaN or 0 if it is round.
         contact
-            `rolling`, `pressed` or `plate`, for all rows or for each.
+            `rolling`, `pressed` (a wheel pushed straight down) or `plate`, for all rows or for each.
         soil
-            Name of the soil of each row; None where there is only one.
+            Name of the soil of each row; None if there is only one.
         **covariates
             What else is known of each row, by name: slip, slope (rad), speed (m/s), columns of your own.
 
         Raises
         ------
         ConditionsError
-            If lengths differ, or a load, diameter or width is not positive.
+            If lengths differ, an array has more than one dimension, a contact is unknown, or a load, a
+            diameter or a wheel's width is not a finite number above 0.
         """
         numbers = {"load": load, "diameter": diameter, "width": width, **covariates}
         columns = {name: np.asarray(value, dtype=float) for name, value in numbers.items()}
@@ -121,17 +126,17 @@ class Conditions:
 
     @cached_property
     def rolling(self) -> NDArray[np.bool_]:
-        """Rows of a wheel that rolls."""
+        """Mask of the rows of a wheel that rolls, shape (rows,)."""
         return self._contact_is(ROLLING)
 
     @cached_property
     def pressed(self) -> NDArray[np.bool_]:
-        """Rows of a wheel that is pressed straight down."""
+        """Mask of the rows of a wheel that is pressed straight down, shape (rows,)."""
         return self._contact_is(PRESSED)
 
     @cached_property
     def plate(self) -> NDArray[np.bool_]:
-        """Rows of a round flat plate."""
+        """Mask of the rows of a flat plate, shape (rows,)."""
         return self._contact_is(PLATE)
 
     def _contact_is(self, contact: str) -> NDArray[np.bool_]:
@@ -144,7 +149,7 @@ class Conditions:
         return name in ("load", "diameter", "width") or name in self.covariates
 
     def __getitem__(self, name: str) -> Array:
-        """The column of that name. Raises ConditionsError naming what there is."""
+        """Return the column of that name. Raises an error that lists the columns if there is none."""
         if name in ("load", "diameter", "width"):
             return np.asarray(getattr(self, name))
         try:
@@ -154,7 +159,7 @@ class Conditions:
             raise ConditionsError(f"no column '{name}'. The columns are {there}") from None
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Conditions:
-        """The rows of that index or mask."""
+        """Return the conditions of some rows, selected by indices, a mask of shape (rows,) or a slice."""
         return Conditions(
             self.load[rows],
             self.diameter[rows],

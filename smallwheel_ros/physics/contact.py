@@ -61,11 +61,19 @@ _OUTLINES = (_fit_outline(0.05, 8), _fit_outline(0.15, 11), _fit_outline(AXLE_RA
 
 
 class ShapeIntegral(NamedTuple):
-    """I(n, epsilon) and its logarithmic slopes, each of the broadcast shape."""
+    """The integral I(n, epsilon) of the module's docstring, and its slopes; arrays of the broadcast shape.
+
+    Attributes
+    ----------
+    value
+        I, 1.
+    slope_ratio, slope_exponent
+        d ln I / d ln epsilon, with epsilon = z/D, and d ln I / dn.
+    """
 
     value: Array
-    slope_ratio: Array  # d ln I / d ln epsilon
-    slope_exponent: Array  # d ln I / d n
+    slope_ratio: Array
+    slope_exponent: Array
 
 
 class ContactSinkage(NamedTuple):
@@ -74,14 +82,16 @@ class ContactSinkage(NamedTuple):
     Attributes
     ----------
     sinkage
-        m. Where `sunk_to_axle`, it is a continuation by the power n + 1/2: useful to a fit that passes
-        through such a point, but not a prediction.
+        Sinkage z, m. Where `sunk_to_axle` holds, it is extrapolated from the axle as W ~ z^(n + 1/2): useful
+        to a fit that passes through such a point, but not a prediction.
     sunk_to_axle
         Whether the load exceeds what the soil carries with the wheel sunk to its axle: the model
         no longer holds.
-    slope_load, slope_exponent
-        d ln z / d ln(W / K), and d ln z / d n at constant K and W, to about 1e-8; the last is NaN unless
-        requested.
+    slope_load
+        d ln z / d ln(W / K), with the load W and the modulus K, to about 1e-8.
+    slope_exponent
+        d ln z / dn at constant W and K, to about 1e-8; NaN without `with_exponent` of `contact_sinkage`.
+        Where `sunk_to_axle` holds, both slopes are those at the axle, not those of the extrapolation.
     """
 
     sinkage: Array
@@ -119,7 +129,7 @@ def _value_and_slope(coefficients: Array, ratio: Array) -> tuple[Array, Array]:
 
 
 def _slope_exponent(exponent: Array, coefficients: Array, ratio: Array, value: Array) -> Array:
-    """d ln I / dn: what d ln B / dn adds to each term, over I."""
+    """d ln I / dn, from the derivative d ln B / dn of each term of the series."""
     harmonic, total, power = np.zeros_like(ratio), np.zeros_like(ratio), np.ones_like(ratio)
     for j in range(1, coefficients.shape[0]):
         harmonic += 1.0 / (exponent + (j + 0.5))
@@ -129,14 +139,18 @@ def _slope_exponent(exponent: Array, coefficients: Array, ratio: Array, value: A
 
 
 def shape_integral(exponent: ArrayLike, ratio: ArrayLike) -> ShapeIntegral:
-    """I(n, z/D) of the contact integral, with d ln I / d ln(z/D) and d ln I / dn.
+    """Compute I(n, z/D), the dimensionless factor of the contact integral, and its slopes.
 
     Parameters
     ----------
     exponent
         Exponent n > 0.
     ratio
-        z/D, 0 to 0.5; not checked: the callers clip. Both broadcast.
+        Sinkage over diameter, z/D, 0 to 0.5, which is not checked. Both arguments broadcast.
+
+    Returns
+    -------
+    ShapeIntegral
     """
     n, epsilon = np.broadcast_arrays(
         np.asarray(exponent, dtype=float), np.asarray(ratio, dtype=float)
@@ -169,7 +183,7 @@ def contact_load(
     modulus
         K = k D^m, Pa/m^n.
     exponent
-        n.
+        Exponent n of sinkage.
 
     Returns
     -------
@@ -239,9 +253,9 @@ def contact_sinkage(
     *,
     with_exponent: bool = True,
 ) -> ContactSinkage:
-    """Sinkage (m) of a rolling wheel under a normal load, by the contact integral.
+    """Solve the contact integral for the sinkage of a rolling wheel under a normal load.
 
-    Arguments broadcast; they are not checked here (`model.predict` and the readers do).
+    Arguments broadcast, and are not checked.
 
     Parameters
     ----------
@@ -255,6 +269,10 @@ def contact_sinkage(
         Exponent n > 0.
     with_exponent
         Whether to compute `slope_exponent`, which takes a third of the time.
+
+    Returns
+    -------
+    ContactSinkage
     """
     w, d, b, modulus_array, n = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (load, diameter, width, modulus, exponent))

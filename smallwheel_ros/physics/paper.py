@@ -25,8 +25,8 @@ from smallwheel_ros.physics.sinkage import closed_form_sinkage, compaction_resis
 from smallwheel_ros.physics.soil import SOILS, Soil, bekker_modulus, effective_modulus
 from smallwheel_ros.physics.traction import contact_length, thrust
 
-# taken over: a table's number, and the library's. follows: the paper prints no such number, but what it does
-# print implies it.
+# taken over: an input of the paper that the library has, too.
+# follows: not printed in the paper, but implied by numbers that are.
 Status = Literal[
     "reproduced", "reproduced under an inferred reading", "not reproduced", "taken over", "follows"
 ]
@@ -65,22 +65,22 @@ _UNITS = {"k": ("kN/m^(n+m+2)", 1e-3), "cohesion": ("kPa", 1e-3),
 
 @dataclass(frozen=True)
 class PaperLine:
-    """One number of the paper, our value, and the assumption under which it was computed.
+    """One number of the paper, the library's value, and the assumption under which it was computed.
 
     Attributes
     ----------
     place
-        The table or equation.
+        The table or equation, such as `Table 3` or `eq. 7`.
     quantity, unit
-        What the number is, and the unit of both values.
+        Name of the quantity, and the unit of both values.
     printed
         The number that is printed, or that a printed equation gives; None if the paper prints none.
     computed
-        Our value.
+        The library's value.
     reading
-        The assumption under which it was computed.
+        The assumption under which it was computed, in words.
     status
-        Whether the two agree.
+        Whether the two agree; see `Status`.
     """
 
     place: str
@@ -98,11 +98,11 @@ def sinkage(soil: Soil, load: float, exponent: float | None = None) -> float:
     Parameters
     ----------
     soil
-        k, n and m.
+        Soil, of which k, n and m are used.
     load
-        N.
+        Normal load, N.
     exponent
-        n in place of the soil's.
+        Exponent n to use instead of the soil's; None: the soil's.
     """
     modulus = effective_modulus(soil.k, soil.m, DIAMETER)
     n = soil.n if exponent is None else exponent
@@ -115,7 +115,7 @@ def resistance(soil: Soil, depth: float) -> float:
     Parameters
     ----------
     soil
-        k, n and m.
+        Soil, of which k, n and m are used.
     depth
         Sinkage, m.
     """
@@ -124,14 +124,19 @@ def resistance(soil: Soil, depth: float) -> float:
 
 
 def sinkage_for(soil: Soil, force: float) -> float:
-    """Sinkage (m) at which eq. 14 gives the stated compaction resistance.
+    """Sinkage (m) of the paper's wheel at which eq. 14 gives a compaction resistance.
 
     Parameters
     ----------
     soil
-        k, n and m.
+        Soil, of which k, n and m are used.
     force
         Compaction resistance, N.
+
+    Raises
+    ------
+    ValueError
+        If the sinkage is not between 0.1 mm and 100 mm.
     """
     return float(brentq(lambda depth: resistance(soil, depth) - force, 1e-4, 0.1, xtol=1e-12))
 
@@ -155,7 +160,7 @@ def paper_lines() -> tuple[PaperLine, ...]:
 
 
 def _inputs() -> list[PaperLine]:
-    """Tables 1, 2, 4, 5 and 6: what the paper computes from, next to what the library has."""
+    """Tables 1, 2, 4, 5 and 6: the paper's input values, next to those of the library."""
     lines = [
         PaperLine(
             "Table 1", name, unit, value, value, "the wheel of all that follows", "taken over"
@@ -189,7 +194,7 @@ def implied_sinkages() -> list[float]:
 
 
 def _table_3() -> list[PaperLine]:
-    """What was measured by Table 3, and what eq. 10 and the exact contact are off by there."""
+    """Measured sinkages that Table 3 implies, and the errors of eq. 10 and of the exact contact there."""
     lines = []
     soil = MEIRION_GRIFFITH_SPENKO
     modulus = effective_modulus(soil.k, soil.m, DIAMETER)
@@ -290,7 +295,7 @@ def _equations() -> list[PaperLine]:
     shear = (bekker.cohesion, bekker.friction_angle)
 
     def around(depth: float, part: Callable[[float], float]) -> float:
-        """Integral of the pressure of eq. 9 times a part of it over the arc to a depth."""
+        """Integral of p(theta) part(theta) over the contact at a sinkage (m), with p (Pa) of eq. 9."""
         cosine = 1.0 - depth / r
         return float(
             quad(

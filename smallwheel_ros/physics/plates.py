@@ -30,7 +30,7 @@ from smallwheel_ros.physics.soil import REFERENCE_SINKAGE
 
 Array = NDArray[np.float64]
 
-_LEAST_FACTOR = 0.02  # a fit may try sizes' factors of no physical sense: none is 0 or less
+_LEAST_FACTOR = 0.02  # least g: on its way a fit may try values of s that make g 0 or negative
 
 
 def plate_area(diameter: ArrayLike) -> Array:
@@ -63,28 +63,30 @@ def smaller_dimension(conditions: Conditions) -> Array:
 
 
 class Constant(NamedTuple):
-    """A constant of a published law; n and m in its unit stay letters."""
+    """A constant of a published law: its name and its SI unit, with the exponents n and m as letters."""
 
     name: str
     unit: str
 
 
 class PlateLaw(NamedTuple):
-    """A law of how a plate's or wheel's size changes the pressure.
+    """A law of how a plate's or wheel's size changes the pressure, p = p_ref (z / z_ref)^n g.
 
     Attributes
     ----------
+    id, name, formula, source
+        Id in code, and for people the name, the formula and the publication.
     names
-        Names of the published constants.
-    constants
-        Function of (K, reference size, n, s) that gives the published constants, with K = p_ref / z_ref^n in
-        Pa/m^n.
+        Names and units of the published constants.
     size
-        Function of the conditions: D or b of each row, m.
+        Function of the conditions that returns the size that counts, D or b of each row, m, shape (rows,).
     factor
-        Function g of (rho, n, s).
+        Function g(rho, n, s): rho is the size over the reference size, s the number for its influence.
+    constants
+        Function of (K, reference size in m, n, s) that returns the published constants in the order of
+        `names`, SI units; K = p_ref / z_ref^n, Pa/m^n.
     tied_to_n
-        Ratio s / n at which size has no influence, near the reference size.
+        Ratio s / n at which size has no influence near the reference size.
     """
 
     id: Literal["meirion_griffith_spenko", "bekker", "reece", "bernstein_goriatchkin"]
@@ -98,7 +100,7 @@ class PlateLaw(NamedTuple):
     tied_to_n: float = 0.0
 
     def modulus(self, log_pressure: float, n: float) -> float:
-        """K = p_ref / z_ref^n, Pa/m^n.
+        """K = p_ref / z_ref^n (Pa/m^n), the modulus under a plate of the reference size.
 
         Parameters
         ----------
@@ -114,18 +116,20 @@ class PlateLaw(NamedTuple):
     ) -> Array:
         """K = p / z^n (Pa/m^n) under each plate or wheel, shape (rows,).
 
+        The factor g of the size is at least 0.02, so that K stays positive whatever s is.
+
         Parameters
         ----------
         conditions
-            Loads and sizes of the rows.
+            Plates and wheels.
         reference
             Reference size, m.
         log_pressure
-            ln of the pressure (Pa) at the reference sinkage under the reference size.
+            ln of the pressure (Pa) at the reference sinkage under a plate of the reference size.
         n
             Exponent of sinkage, 1.
         s
-            The law's constant of size.
+            Number for the influence of size, 1 (see the module's docstring).
         """
         g = np.maximum(self.factor(self.size(conditions) / reference, n, s), _LEAST_FACTOR)
         return np.asarray(self.modulus(log_pressure, n) * g)
@@ -135,21 +139,21 @@ class PlateLaw(NamedTuple):
     ) -> Array:
         """Sinkage (m) of each plate or wheel under its load, shape (rows,).
 
-        A wheel's sinkage is by the closed form (Meirion-Griffith and Spenko 2011, eq. 7) with the K of its
-        size.
+        A wheel's sinkage is that of the closed form (Meirion-Griffith and Spenko 2011, eq. 7) with the K of
+        its size.
 
         Parameters
         ----------
         conditions
-            Loads and sizes of the rows.
+            Plates and wheels, with their loads.
         reference
             Reference size, m.
         log_pressure
-            ln of the pressure (Pa) at the reference sinkage under the reference size.
+            ln of the pressure (Pa) at the reference sinkage under a plate of the reference size.
         n
             Exponent of sinkage, 1.
         s
-            The law's constant of size.
+            Number for the influence of size, 1 (see the module's docstring).
         """
         modulus = self.moduli(conditions, reference, log_pressure, n, s)
         plate = conditions.plate

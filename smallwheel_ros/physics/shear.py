@@ -25,20 +25,27 @@ def shear_strength(normal_stress: ArrayLike, cohesion: ArrayLike, friction: Arra
 
 
 def rising_share(displacement: ArrayLike, modulus: float) -> Array:
-    """tau / tau_max = 1 - exp(-j / K) (Janosi and Hanamoto 1961).
+    """Share of the shear strength that soil has reached at a shear displacement, without a peak.
+
+    tau / tau_max = 1 - exp(-j / K) (Janosi and Hanamoto 1961).
 
     Parameters
     ----------
     displacement
-        j >= 0, m.
+        Shear displacement j >= 0, m.
     modulus
-        K, m.
+        Shear deformation modulus K, m.
+
+    Returns
+    -------
+    array of the displacement's shape
+        0 to 1.
     """
     return np.asarray(-np.expm1(-np.asarray(displacement, dtype=float) / modulus))
 
 
 def peaked_share(displacement: ArrayLike, modulus: float, residual: float) -> Array:
-    """tau / tau_max of a soil whose strength peaks and falls to a residual one.
+    """Shear stress over peak strength of a soil whose strength peaks and falls to a residual one.
 
     tau / tau_max = K_r {1 + [1 / (K_r (1 - 1/e)) - 1] exp(1 - j / K_w)} [1 - exp(-j / K_w)]
     (Wong and Preston-Thomas 1983; Wong 2008, chapter 2).
@@ -46,11 +53,15 @@ def peaked_share(displacement: ArrayLike, modulus: float, residual: float) -> Ar
     Parameters
     ----------
     displacement
-        j >= 0, m.
+        Shear displacement j >= 0, m.
     modulus
         K_w, about the displacement at which the strength peaks, m.
     residual
         K_r, residual over peak strength; above 0, at most 1.
+
+    Returns
+    -------
+    array of the displacement's shape
     """
     x = np.asarray(displacement, dtype=float) / modulus
     hump = 1.0 / (residual * (1.0 - np.exp(-1.0))) - 1.0

@@ -86,9 +86,10 @@ class ContactRule(NamedTuple):
     Attributes
     ----------
     sinkage
-        Function of load (N), diameter, width (m), modulus (Pa/m^n) and exponent that gives the sinkage (m).
+        Function of load (N), diameter (m), width (m), modulus K (Pa/m^n) and exponent n that returns a
+        `ContactSinkage`.
     shape
-        Function that gives I(n, z/D) of `contact`.
+        Function of n and z/D that returns the `ShapeIntegral` of this rule.
     """
 
     sinkage: Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike], ContactSinkage]
@@ -116,11 +117,10 @@ def closed_form(
     n: ArrayLike,
     m: ArrayLike,
 ) -> ClosedForm:
-    """Sinkage and resistance by eq. 10 and eq. 14 (Meirion-Griffith and Spenko 2011), for many rows.
+    """Compute sinkage and compaction resistance by eq. 10 and 14 (Meirion-Griffith and Spenko 2011).
 
-    With logarithms, the three powers of the two equations take two logarithms and two exponentials, and
-    D^m is computed once. Rows are processed in blocks, so that intermediate results stay in the
-    processor's cache.
+    It is made for many rows: the three powers of the two equations take two logarithms and two
+    exponentials, and rows are processed in blocks that stay in the processor's cache.
 
     Parameters
     ----------
@@ -132,6 +132,10 @@ def closed_form(
         Pa/m^(n+m).
     n, m
         Exponents of sinkage and diameter; n under 3.
+
+    Returns
+    -------
+    ClosedForm
     """
     columns = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (load, diameter, width, k, n, m))
@@ -169,7 +173,9 @@ def closed_form(
 def plate_sinkage(
     load: ArrayLike, diameter: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
 ) -> Array:
-    """Sinkage (m) of a flat round plate: W = K z^n pi D^2 / 4 (Bernstein 1913; eq. 8, 9).
+    """Sinkage (m) of a flat round plate: W = K z^n pi D^2 / 4 (Bernstein 1913).
+
+    With K = k it is eq. 8, with K = k D^m eq. 9 of Meirion-Griffith and Spenko 2011.
 
     Parameters
     ----------
@@ -180,7 +186,11 @@ def plate_sinkage(
     modulus
         K, Pa/m^n.
     exponent
-        n.
+        n > 0.
+
+    Returns
+    -------
+    array of the broadcast shape
     """
     area = np.pi / 4.0 * np.asarray(diameter, dtype=float) ** 2
     pressure = np.asarray(load, dtype=float) / area
@@ -190,14 +200,14 @@ def plate_sinkage(
 def compaction_resistance(
     sinkage: ArrayLike, width: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
 ) -> Array:
-    """Compaction resistance R_c = b K z^(n+1) / (n+1), N: the work of the pressure over a metre of rut.
+    """Compaction resistance R_c = b K z^(n+1) / (n+1), N: the work of pressing a metre of rut, per metre.
 
     Bekker 1956; Meirion-Griffith and Spenko 2011, eq. 14. Exact for any shape of the contact.
 
     Parameters
     ----------
     sinkage
-        z, m. Below 0, as effects can make it, the wheel is above the soil and compacts nothing.
+        z, m. A negative sinkage, which some effects can produce, compacts nothing: the resistance is 0.
     width
         b, m.
     modulus
@@ -214,10 +224,10 @@ def compaction_resistance(
 def loads_by_depth(
     sinkage: Array, diameter: Array, width: Array, modulus: Array, exponent: Array
 ) -> tuple[Array, Array]:
-    """Depths (m) of the soil below a wheel, and the load (N) that p = K z^n carries at each of them.
+    """Split the load that soil with p = K z^n carries on a wheel into parts by depth.
 
-    The sum of the loads is the contact integral's. The sum of their products with a factor f of depth
-    is the load for p = K z^n f(z).
+    The parts are the terms of a quadrature of the contact integral over depth: their sum is the load, and
+    the sum of their products with f(depth) is the load that soil with p = K z^n f(z) carries.
 
     Parameters
     ----------
@@ -229,7 +239,7 @@ def loads_by_depth(
     Returns
     -------
     depths, loads
-        Each of shape (nodes, rows).
+        Depth below the undisturbed surface (m) and part of the load (N), each of shape (nodes, rows).
     """
     column = (slice(None),) + (None,) * sinkage.ndim
     height = _HEIGHT[column] * sinkage
@@ -242,9 +252,9 @@ def loads_by_depth(
 
 
 def layered_work(sinkage: Array, modulus: Array, exponent: Array, factor: PressureFactor) -> Array:
-    """Work (N/m) of the pressure p = K z^n f(z) down to a sinkage, for each metre of width.
+    """Integral of the pressure p = K z^n f(z) over depth, from 0 to a sinkage.
 
-    The integral of eq. 14 (Meirion-Griffith and Spenko 2011).
+    Times the width it is the compaction resistance (Meirion-Griffith and Spenko 2011, eq. 13).
 
     Parameters
     ----------
@@ -253,7 +263,12 @@ def layered_work(sinkage: Array, modulus: Array, exponent: Array, factor: Pressu
     modulus, exponent
         K (Pa/m^n) and n, shape (rows,).
     factor
-        f: takes depths (m) of shape (nodes, rows) and returns the same shape.
+        f: takes depths (m) of shape (nodes, rows) and returns factors (1) of the same shape.
+
+    Returns
+    -------
+    array, shape (rows,)
+        N/m.
     """
     column = (slice(None),) + (None,) * sinkage.ndim
     # depth = z u^3 makes the power at depth 0 smooth
@@ -265,7 +280,7 @@ def layered_work(sinkage: Array, modulus: Array, exponent: Array, factor: Pressu
 def solve_layered(
     load: Array, upper: Array, load_at: Callable[[Array], Array]
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Sinkage (m) at which the soil carries the load, and a mask of rows where even `upper` is too little.
+    """Find the sinkage at which soil of any kind, such as layered soil, carries a load.
 
     Uses inverse quadratic steps (Chandrupatla 1997) in ln W over ln z, in which a pressure law is
     nearly a straight line, and bisection where it rises steeply, as at a hard layer.
@@ -277,7 +292,13 @@ def solve_layered(
     upper
         The deepest that a wheel may sink, m, shape (rows,).
     load_at
-        Load (N) that the soil carries at sinkages (m), both of shape (rows,).
+        Function of the sinkage (m) that returns the load (N) that the soil carries, both of shape (rows,).
+
+    Returns
+    -------
+    sinkage, sunk
+        Sinkage (m), and whether the soil carries less than the load even at `upper`, which then is the
+        sinkage; each of shape (rows,).
     """
     target, top = np.log(load), np.log(upper)
     x1, x2 = top, top - 25.0  # the newest, and the other end

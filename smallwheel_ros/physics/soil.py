@@ -38,26 +38,38 @@ class SoilError(SmallwheelError):
 
 @dataclass(frozen=True)
 class Soil:
-    """One soil under the law P = k z^n D^m (Meirion-Griffith and Spenko 2011, eq. 9).
+    """One soil under the law p = k z^n D^m (Meirion-Griffith and Spenko 2011, eq. 9).
 
     Attributes
     ----------
+    name
+        Name of the soil.
     k
-        Pa/m^(n+m), > 0.
+        Pressure at 1 m of sinkage under a wheel of 1 m, Pa/m^(n+m), above 0.
     n
-        1, in (0, 3).
+        Exponent of sinkage, between 0 and 3.
     m
-        1; 0 gives the law of Bernstein and Goriatchkin (eq. 8).
-    cohesion, friction_angle
-        Pa, rad.
+        Exponent of the wheel's diameter, -3 to 3; 0 gives the law of Bernstein and Goriatchkin (eq. 8).
+    cohesion
+        Pa, 0 or more.
+    friction_angle
+        rad, from 0 to below pi/2.
     shear_displacement
-        The deformation modulus kappa of eq. 2, m.
+        Shear deformation modulus kappa of eq. 2, m, above 0.
     source
-        Where the numbers come from.
-    rolling_share, rim_friction, pressure_peak
-        eta, mu and c2 of `stresses`, 1: how a wheel shears this soil by rolling alone, the friction of
-        a bare rim driven over the soil's own, and how far ahead of the lowest point the largest
-        pressure is at slip 1. The defaults are medians of rigs.
+        Publication or file that the numbers are from.
+    rolling_share
+        eta of `stresses`, 0 to 5: share of the displacement by rolling alone that shears the soil.
+    rim_friction
+        mu of `stresses`, above 0, at most 2: friction of a driven bare rim on the soil, over the soil's own.
+    pressure_peak
+        c2 of `stresses`, 0 to 0.9: angle of the largest pressure at slip 1, as a share of the entry angle.
+        The defaults of these three are medians over rigs.
+
+    Raises
+    ------
+    SoilError
+        If a number is not finite or outside its range.
     """
 
     name: str
@@ -111,12 +123,12 @@ class Soil:
 
 
 def k_from_reference(log_reference_pressure: ArrayLike, n: ArrayLike, m: ArrayLike) -> Array:
-    """k (Pa/m^(n+m)) from the pressure at the reference sinkage and diameter.
+    """k (Pa/m^(n+m)) from the pressure at the reference sinkage (10 mm) and diameter (0.2 m).
 
     Parameters
     ----------
     log_reference_pressure
-        ln of that pressure, Pa.
+        ln of that pressure in Pa.
     n, m
         Exponents of sinkage and diameter, 1.
     """
@@ -134,8 +146,10 @@ def effective_modulus(k: ArrayLike, m: ArrayLike, diameter: ArrayLike) -> Array:
 
     Parameters
     ----------
-    k, m
-        Constants of the law; k in Pa/m^(n+m).
+    k
+        Modulus of the law p = k z^n D^m, Pa/m^(n+m).
+    m
+        Exponent of the diameter, 1.
     diameter
         D, m.
     """
@@ -148,9 +162,9 @@ def bekker_modulus(kc: ArrayLike, kphi: ArrayLike, width: ArrayLike) -> Array:
     Parameters
     ----------
     kc, kphi
-        Pa/m^(n-1) and Pa/m^n.
+        Bekker's cohesive modulus, Pa/m^(n-1), and frictional modulus, Pa/m^n.
     width
-        b, m.
+        b, the smaller side of the contact, m.
     """
     return np.asarray(np.asarray(kc) / np.asarray(width) + np.asarray(kphi))
 
@@ -165,10 +179,10 @@ _SHEAR_SHARE = 0.4  # Wong (2008) gives 10 to 25 mm for sand
 
 
 def usual_strength(soil: Soil) -> Strength:
-    """Strength of some soil of this kind under a wheel of any rig, not of this very soil and wheel.
+    """Strength to expect of a soil of the same kind as `soil` under a wheel of any rig.
 
-    It is centred on the soil's own numbers, with the spread of published values among soils of one kind
-    and among rigs as deviations.
+    Its values are those of `soil`; its standard deviations are the spread of published values among soils
+    of one kind and among rigs.
     """
     return Strength(
         Quantity(soil.cohesion, math.hypot(_COHESION_STD, _COHESION_SHARE * soil.cohesion)),

@@ -7,8 +7,8 @@ soil shear between rim and tip:
 
     depth          d(t) = r (cos t - cos t1),  cos t1 = 1 - z/r,  0 <= t <= t1   (Bekker 1956)
     pressure       p(t) = A [d(t)/z]^n                            n of p = k z^n D^m; largest at the bottom,
-                   or, with a peak at t_m = c2 i t1, falling behind it over the arc that is left as it
-                   rises ahead (Wong and Reece 1967; c2 is small in the pulls of rigs)
+                   or, with a peak at t_m = c2 i t1, p(t) = p(t1 - (t1 - t_m) t/t_m) for t < t_m: from the
+                   peak to the lowest point it falls to 0 (Wong and Reece 1967; c2 is small in pulls of rigs)
     displacement   j(t) = R {eta [(t1 - t) - (sin t1 - sin t)] + (1 - u)(sin t1 - sin t)}
                    u = V/(R omega): 1 - i driven, 1/(1 + i) skidding      (Wong and Reece 1967: eta = 1)
                    at a slip angle beta also j_y = R u tan(beta) (t1 - t); shear points along (j, j_y)
@@ -60,7 +60,7 @@ _BLOCK = 1024  # rows worked on at a time: the nodes' arrays then stay in the pr
 
 
 class ShearLaw(NamedTuple):
-    """The shear law's parameters of soil and rim, numbers or arrays of shape (rows,).
+    """Parameters of the shear law, of the soil and of the rim; numbers or arrays of shape (rows,).
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class ShearLaw(NamedTuple):
     shear_displacement
         K, m.
     rolling_share
-        eta, 1.
+        eta, 1: share of the displacement by rolling alone that shears the soil.
     rim_friction
-        mu where the rim slides back over the soil, 1 (`rim_friction`).
+        mu, 1: friction of a rim without lugs that slides back over the soil, over the soil's own.
     """
 
     cohesion: ArrayLike
@@ -82,7 +82,19 @@ class ShearLaw(NamedTuple):
 
 
 class WheelForces(NamedTuple):
-    """Thrust and resistance (N), torque (N m), and the load (N) that the stresses carry."""
+    """Forces of wheels from the stresses along their contact; arrays of one shape.
+
+    Attributes
+    ----------
+    thrust
+        Forward component of the shear stresses, N; negative where a wheel skids.
+    resistance
+        Backward component of the pressure, N; the drawbar pull is thrust - resistance.
+    torque
+        N m.
+    load
+        Load that the stresses carry, N.
+    """
 
     thrust: Array
     resistance: Array
@@ -91,14 +103,14 @@ class WheelForces(NamedTuple):
 
 
 def rim_friction(bare: ArrayLike, lug_height: ArrayLike) -> Array:
-    """mu of each row: the share of the soil's strength that acts at the rim.
+    """mu of each row: the friction of the rim on the soil over the soil's own; 1 for a rim with lugs.
 
     Parameters
     ----------
     bare
         mu of a rim without lugs, 1.
     lug_height
-        m; with lugs mu is 1.
+        Height of the lugs, m; 0 or less: the rim has none.
     """
     return np.asarray(np.where(np.asarray(lug_height) <= 0.0, bare, 1.0))
 
@@ -125,32 +137,39 @@ def wheel_forces(
     peak: ArrayLike = 0.0,
     pressure: ArrayLike | None = None,
 ) -> WheelForces:
-    """Forces of wheels at a given sinkage; the formulas stand in the module's docstring.
+    """Compute the forces of wheels at a given sinkage by the formulas of the module's docstring.
+
+    All arrays broadcast to one shape.
 
     Parameters
     ----------
     load
-        N. All arguments broadcast to shape (rows,).
+        Normal load, N.
     sinkage, diameter, width
         m.
     slip
-        -1 to 1, of the speed along the wheel's plane.
+        -1 to 1, from the speed along the wheel's plane.
     exponent
-        n.
+        Exponent n of sinkage.
     shear
         Strength of the soil and of its contact with the rim.
     lug_height
         Height of the lugs, m.
     slip_angle
-        rad.
+        Angle between the wheel's plane and its direction of travel, rad.
     factor
-        Multiplies the pressure: takes depths (m) of shape (nodes, rows) and returns the same shape.
+        Factor on the pressure as a function of depth (m), both of shape (nodes, rows); None: 1.
     peak
-        Place of the largest pressure as a share of the entry angle; from there to the exit the pressure
-        falls as it rose from the entry (Wong and Reece 1967).
+        Angle t_m of the largest pressure over the entry angle t1; from there to the lowest point the
+        pressure falls as it rises from the entry (Wong and Reece 1967). 0: it is largest at the lowest point.
     pressure
-        Pressure of the soil at the depth z, Pa, if it and not the load is given: the resulting load is then
-        what the soil carries.
+        Pressure A of the soil at the depth z, Pa. If given, it replaces the load, and the resulting load is
+        what the soil carries; where it is NaN, the load determines A.
+
+    Returns
+    -------
+    WheelForces
+        Of the broadcast shape.
     """
     given = (load, sinkage, diameter, width, slip, exponent, lug_height, slip_angle, peak)
     columns = (*given, *shear, np.nan if pressure is None else pressure)
@@ -167,24 +186,25 @@ def wheel_forces(
 
 
 class Arc(NamedTuple):
-    """Nodes along the contact of each row, (nodes, rows); angles from the lowest point.
+    """Nodes of a quadrature along the contact of each row; arrays of shape (nodes, rows).
 
     Attributes
     ----------
     weight
-        Weight of the node in a sum over the arc, rad.
+        Weight of the node in an integral over the angle, rad.
     sine, cosine
-        Sine and cosine of the node's angle.
+        Sine and cosine of the node's angle from the lowest point.
     pressure
-        Pressure over its largest value.
+        Pressure over A, the pressure of the soil at the depth of the lowest point.
     rolled, slid
-        Displacement by rolling and by slip; times eta and 1 - u they add up to j/R.
+        Displacement by rolling, (t1 - t) - (sin t1 - sin t), and by slip, sin t1 - sin t: eta times the
+        first and 1 - u times the second add up to j/R.
     displacement
-        j/K.
+        Shear displacement over the deformation modulus, j/K.
     friction
         mu at the node.
     by_peak
-        Slope of the pressure by `peak`; None if no row has one.
+        Derivative of `pressure` with respect to `ArcRows.peak`; None if no row has a peak.
     """
 
     weight: Array
@@ -198,7 +218,19 @@ class Arc(NamedTuple):
     by_peak: Array | None = None
 
     def around(self, *stresses: Array) -> Array:
-        """Sums over the arc of the components (up, forward, around) of each stress, (stresses, 3, rows)."""
+        """Integrate stresses over the angle of the contact.
+
+        Parameters
+        ----------
+        *stresses
+            Stresses at the nodes, each of shape (nodes, rows).
+
+        Returns
+        -------
+        array, shape (stresses, 3, rows)
+            Integrals of each stress times the sine, times the cosine, and alone: of a shear stress they are
+            the components up and forward, and what turns the wheel; of a pressure those back and up.
+        """
         whole = self.weight * np.array(stresses)
         found = np.empty((len(stresses), 3, whole.shape[-1]))
         np.einsum("knr,nr->kr", whole, self.sine, out=found[:, 0])
@@ -208,7 +240,10 @@ class Arc(NamedTuple):
 
 
 class ArcRows(NamedTuple):
-    """The arc's inputs for each row, (rows,), SI units; see `wheel_forces`."""
+    """Inputs of `arc_of`, each of shape (rows,), SI units; see `wheel_forces` and `ShearLaw`.
+
+    `sheared_radius` is R of the module's docstring, m: the radius at which the soil shears.
+    """
 
     sinkage: Array
     diameter: Array
@@ -218,11 +253,11 @@ class ArcRows(NamedTuple):
     rolling_share: Array
     rim_friction: Array
     peak: Array
-    sheared_radius: Array  # R
+    sheared_radius: Array
 
 
 def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc:
-    """Stresses and displacements at nodes along the contact.
+    """Compute pressures and shear displacements at nodes along the contact of each wheel.
 
     Parameters
     ----------
@@ -230,6 +265,10 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
         Wheels, and the soil under each; SI units, shape (rows,) each.
     factor
         Factor on the pressure as a function of depth (m), both of shape (nodes, rows); None: 1.
+
+    Returns
+    -------
+    Arc
     """
     r, u = 0.5 * rows.diameter, speed_ratio(rows.slip)
     deep = np.minimum(np.maximum(rows.sinkage / r, 1e-6), DEEPEST)
@@ -270,7 +309,7 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
     friction = np.where(j > 0.0, rows.rim_friction, 1.0)
     by_peak = None
     if peaked:
-        # At an angle behind the peak the pressure is that of an angle which moves by t t1/t_m^2 with t_m.
+        # Below the peak, at t < t_m, the pressure is that of an angle which moves by t t1/t_m^2 with t_m.
         by_peak, last = np.zeros_like(pressure), slice(-place.size, None)
         fall = -rows.exponent * pressure[last] * np.sin(beyond) / depth[last]
         moves = place * entry / np.where(peaks, top, 1.0) * entry
@@ -306,7 +345,7 @@ def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array
 
 
 def _unsheared(entry: Array, eta: Array, share: Array) -> Array:
-    """Angle at which j is 0 though the rim goes on: where a wheel skids; 0 where there is none.
+    """Angle inside the contact at which j changes its sign, for a wheel that skids; 0 if there is none.
 
     eta (t1 - t) + share (sin t1 - sin t) is concave over t where share < 0: Newton's method from its left end
     does not pass the root.
@@ -325,7 +364,10 @@ def _unsheared(entry: Array, eta: Array, share: Array) -> Array:
 
 
 class MeanPlace(NamedTuple):
-    """Mean and deviation of t/t1 (1) on the arc, weighted by the pressure (1 - (t/t1)^2)^n."""
+    """Mean and standard deviation of t/t1 over the contact, 1, weighted by the pressure (1 - (t/t1)^2)^n.
+
+    t is the angle from the lowest point, t1 the entry angle.
+    """
 
     mean: float
     deviation: float
@@ -342,11 +384,14 @@ def closed_form_forces(
     cohesion: float, tangent: float, shear_displacement: float, rolling_share: float = 1.0,
     rim_friction: float = 1.0, lug_height: float = 0.0,
 ) -> tuple[float, float]:  # fmt: skip
-    """Drawbar pull W tan(delta - kappa t1) and torque W R sin(delta)/cos(delta - kappa t1).
+    """Compute drawbar pull and torque of a wheel as if all of the pressure acted at its mean place.
 
-    tan(delta) = (tan phi + c b r t1/W) m, with m the mean of mu (1 - exp(-|j|/K)) at kappa -+ sigma of the
-    arc: all of the pressure acts at its mean place. It can be checked by hand, and is quick enough for
-    planners; its mean error is 0.004 of the load for a driven wheel, 0.05 for one that skids.
+        DP = W tan(delta - kappa t1),  T = W R sin(delta) / cos(delta - kappa t1)
+        tan(delta) = (tan(phi) + c b r t1 / W) q
+
+    q is the mean of mu (1 - exp(-|j|/K)) sign j at the two angles (kappa - sigma) t1 and (kappa + sigma) t1.
+    It approximates `wheel_forces`, can be checked by hand, and is quick enough for planners; its mean error
+    is 0.004 of the load for a driven wheel, 0.05 for one that skids.
 
     Parameters
     ----------
@@ -357,7 +402,7 @@ def closed_form_forces(
     slip
         -1 to 1.
     place
-        kappa and sigma: the pressure's mean place on the arc, and its spread.
+        kappa and sigma, as `mean_place` gives them for the soil's exponent n.
     cohesion
         c, Pa.
     tangent
@@ -365,15 +410,16 @@ def closed_form_forces(
     shear_displacement
         K, m.
     rolling_share
-        Share of the rolling displacement that shears the soil, 1.
+        eta, 1: share of the displacement by rolling alone that shears the soil.
     rim_friction
-        mu of a rim without lugs, 1.
+        mu where the rim slides back over the soil, 1; it is used with lugs as well.
     lug_height
         Height of the lugs, m.
 
     Returns
     -------
-    drawbar pull (N), torque (N m)
+    drawbar_pull, torque : float
+        N, N m.
     """
     r = 0.5 * diameter
     big = r + LUG_SHARE * lug_height

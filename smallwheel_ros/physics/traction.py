@@ -13,17 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-# stress_integral: `stresses`, the default. wong_reece: the same with k and a peak that moves with slip.
+# stress_integral: the balance of `stresses`, the default. wong_reece: the same, but with the pressure that k
+# gives at each depth, and a peak that moves with slip. integrated, exponential: `thrust` below.
 ThrustForm = Literal["stress_integral", "integrated", "exponential", "wong_reece"]
 
 
 def contact_length(sinkage: ArrayLike, diameter: ArrayLike) -> Array:
-    """Length (m) of the contact's arc, l = r theta0 with cos(theta0) = 1 - z/r, to the axle.
+    """Length (m) of the contact's arc, l = r theta0 with cos(theta0) = 1 - z/r.
 
     Parameters
     ----------
     sinkage, diameter
-        z and 2 r, m.
+        z and 2 r, m; z is clipped to 0 to r.
     """
     radius = 0.5 * np.asarray(diameter, dtype=float)
     return np.asarray(radius * np.arccos(1.0 - np.clip(np.asarray(sinkage) / radius, 0.0, 1.0)))

@@ -26,18 +26,19 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True)
 class Wheel:
-    """One wheel; sizes in m.
+    """One wheel of a vehicle or a rig.
 
     Attributes
     ----------
+    name
+        Name of the wheel.
+    diameter, width
+        m.
     contact
         'rolling', or 'pressed' for a wheel that is pushed straight down and so meets the soil on both
         sides of its lowest point.
-    lateral_position
-        To the left of the vehicle's middle, m; in a turn the wheels of one side travel faster than
-        those of the other.
-    longitudinal_position
-        Ahead of the vehicle's middle, m.
+    longitudinal_position, lateral_position
+        Position of the wheel in the vehicle's base frame, m, positive forward and to the left.
     """
 
     name: str
@@ -58,16 +59,16 @@ _CORRELATED = ("cohesion", "friction_angle", "shear_displacement", "rolling_shar
 
 @dataclass(frozen=True)
 class Strength:
-    """Shear strength of the soil, and how a wheel's rim uses it: the parameters of `stresses`.
+    """Shear strength of a soil and its contact with a rim: the parameters of `stresses`, with uncertainty.
 
     Attributes
     ----------
     cohesion, friction_angle
         c, Pa, and phi, rad (Mohr and Coulomb).
     shear_displacement
-        K, m (Janosi and Hanamoto).
+        Shear deformation modulus K, m (Janosi and Hanamoto).
     rolling_share, rim_friction, pressure_peak
-        eta, mu and c2, 1.
+        eta, mu and c2 of `stresses`, 1; `Soil` describes them.
     correlation
         Correlation of (c, phi, ln K, eta, mu), shape (5, 5); None: they are uncorrelated.
     """
@@ -81,12 +82,14 @@ class Strength:
     correlation: Array | None = None
 
     def wider(self, **by: float) -> Strength:
-        """Return a copy in which deviations grow by those of errors that are independent of all others.
+        """Return a copy with larger standard deviations, which include further independent errors.
+
+        Variances add up; correlations shrink accordingly.
 
         Parameters
         ----------
         **by
-            Standard deviation of the further error by the number's name, in its unit.
+            Standard deviation of the further error of each number, by the number's name, in its unit.
         """
         numbers: dict[str, Any] = {}
         share = np.ones(5)  # of the deviations that correlations are of

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from smallwheel_ros.diagnosis.pipeline import Diagnosis
 
-# Stretches: with fewer an effect that is there is rarely seen; of more every second, third and so on is
-# taken, since a diagnosis takes a tenth of a second for each.
+# Stretches: with fewer, an effect that is there is rarely seen; of more, every second, third and so on is
+# used, since a diagnosis takes a tenth of a second for each.
 _FEWEST, _MOST = 120, 240
 # Chance of such stretches if nothing were missing, over which no model is refitted: four times the bench's
 # own alarm. Drives of another author's simulator are above it in none of 8 with hidden slip sinkage, and in
@@ -35,15 +35,17 @@ class DriveDiagnosis:
     Attributes
     ----------
     stretches
-        Number of stretches used.
+        Number of rows used, each of one wheel and stretch.
     verdict
-        Verdict of `diagnose`; empty if there is none.
-    effects, candidates
-        Ids that the model lacks, and ids of which it lacks one.
+        Verdict of `diagnose`, such as `missing_effect` or `adequate`; empty if nothing was diagnosed.
+    effects
+        Ids of the effects that the model lacks.
+    candidates
+        Ids of effects of which the model lacks one.
     lines
-        The diagnosis in sentences.
+        The diagnosis in sentences, or why there is none.
     by_filter
-        Sentences on effects that the soil's filter has found, from every reading of the drive.
+        Remarks of the soil's filter on missing effects, from every reading of the drive.
     """
 
     stretches: int
@@ -54,7 +56,7 @@ class DriveDiagnosis:
     by_filter: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """The diagnosis as replay.json has it."""
+        """The diagnosis as it stands in replay.json."""
         return {
             "stretches": self.stretches,
             "verdict": self.verdict or None,
@@ -71,12 +73,17 @@ def diagnosed(table: pd.DataFrame, path: Path, remarks: Sequence[str] = ()) -> D
     Parameters
     ----------
     table
-        One row for each stretch, in the columns of measurements.csv.
+        One row for each wheel and stretch, with the columns of measurements.csv.
     path
         File of the table, for the commands that are proposed next.
     remarks
-        Remarks of the soil's filter at the end, as in `SoilEstimate.remarks`. It uses every reading, and may
-        show what a few stretches of much the same slip cannot.
+        Remarks of the soil's filter at the end, as in `SoilEstimate.remarks`. The filter uses every reading,
+        and may show what a few stretches of much the same slip cannot.
+
+    Returns
+    -------
+    DriveDiagnosis
+        Without a verdict if there are fewer than 120 rows, or they cannot be diagnosed.
     """
     by_filter = tuple(remarks)
     if len(table) < _FEWEST:
@@ -137,14 +144,14 @@ def _likeliest(found: Diagnosis) -> str:
 
 
 def _agrees(by_filter: tuple[str, ...]) -> str:
-    """A sentence on what the soil's filter has found; empty where it found nothing."""
+    """A sentence with the remarks of the soil's filter; empty if there are none."""
     return f" The soil's filter, from every reading: {'; '.join(by_filter)}." if by_filter else ""
 
 
 def _stray(
     stretches: int, chance: float, command: str, by_filter: tuple[str, ...]
 ) -> DriveDiagnosis:
-    """That stretches stray from the law, and no effect is likelier than none."""
+    """The diagnosis if stretches deviate from the law, but no effect is likelier than none."""
     return DriveDiagnosis(
         stretches, "unknown_effect", (), (),
         (
@@ -159,7 +166,7 @@ def _stray(
 def _nothing(
     stretches: int, chance: float, command: str, by_filter: tuple[str, ...]
 ) -> DriveDiagnosis:
-    """That no effect shows, before any model was refitted."""
+    """The diagnosis if the stretches agree with the law, so that no model was refitted."""
     shows = "these alone do not show a missing effect" if by_filter else "no missing effect shows"
     return DriveDiagnosis(
         stretches, "adequate", (), (),

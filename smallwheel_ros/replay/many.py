@@ -30,12 +30,14 @@ class Outcome:
 
     Attributes
     ----------
+    bag, folder
+        Paths of the bag and of the folder with its results.
     state
         ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``.
     error
         What went wrong, in words; empty if nothing did.
     done_before
-        Whether an earlier command replayed it.
+        Whether an earlier command had already replayed it.
     summary
         Content of its replay.json; None if there is none.
     """
@@ -54,14 +56,14 @@ class Outcome:
 
 
 def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
-    """Make one replay for each bag, each with a folder of its own below that of `like`.
+    """Make the specification of a replay for each bag, each with its own folder below that of `like`.
 
     Parameters
     ----------
     bags
         The bags.
     like
-        Replay from which each takes all its other fields.
+        Specification from which each takes all its other fields.
 
     Raises
     ------
@@ -87,14 +89,15 @@ def replay_all(
     Parameters
     ----------
     specs
-        The replays.
+        Specifications of the replays.
     stop
-        Once set, running replays end with what they have, and no further one begins.
+        Once set, running replays end with what they have, and no further one begins; it has no effect on a
+        cluster.
     jobs
-        Number of processes at a time.
+        Number of processes at a time, without a cluster.
     scheduler
-        Address of a Dask cluster, to which each bag is a task. Its workers need this package, and
-        bags, parameter file and output folder under the same paths as here.
+        Address of the scheduler of a Dask cluster, where each bag is a task. Its workers need this package,
+        and bags, parameter file and output folder under the same paths as here. None: processes here.
 
     Yields
     ------
@@ -147,7 +150,7 @@ def _in_a_process(spec: ReplaySpec, stop: Stop | None = None) -> str:
             break
         except subprocess.TimeoutExpired:
             if stop is not None and stop.asked and not asked:
-                process.terminate()  # it puts away what it has
+                process.terminate()  # it writes the results so far
                 asked = True
     if asked or process.returncode in (0, 1):
         return ""
@@ -162,11 +165,16 @@ def outcome_of(spec: ReplaySpec, error: str = "", *, before: bool = False) -> Ou
     Parameters
     ----------
     spec
-        The replay.
+        Specification of the replay.
     error
-        What went wrong; empty if nothing did.
+        What went wrong, in words; empty if nothing did.
     before
-        Whether an earlier command replayed it.
+        Whether an earlier command had already replayed it.
+
+    Returns
+    -------
+    Outcome
+        `failed` with an error, `not_begun` if the folder has no result of this very replay.
     """
     bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
     if error:
@@ -198,23 +206,23 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
-    """Join estimates and measurements of all bags into one table each.
+    """Join the tables of estimates of all bags, and those of measurements, into one each.
 
-    Estimates get a column `bag`; runs and soils of the measurements begin with the bag's name,
-    since no two drives share them. Of the measurements' columns those stay that all bags have: the
-    pass number is not known in every drive.
+    Estimates get a column `bag`; names of runs and soils of the measurements begin with the bag's name,
+    since no two drives share them. The measurements keep the columns that all bags have: the pass number is
+    not known in every drive.
 
     Parameters
     ----------
     folder
         Folder for the joined tables.
     outcomes
-        Outcomes of the bags, which name their folders.
+        Outcomes of the bags, which name their folders; each has a table of estimates.
 
     Returns
     -------
     dict
-        Names of the files written, by kind.
+        Names of the files written, by their keys in `FILES`.
     """
     target, measured = folder / FILES["estimates_csv"], []
     for i, outcome in enumerate(outcomes):
@@ -243,19 +251,19 @@ def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     folder
         Folder for the joined map.
     outcomes
-        Outcomes of the bags, which name their folders.
+        Outcomes of the bags, which name their folders; each has a summary.
 
     Returns
     -------
     dict
-        Names of the files written, by kind.
+        Names of the files written, by their keys in `FILES`.
 
     Raises
     ------
     ReplayError
-        If there is no map, or they are not in one frame.
+        If no bag has a map, or the maps are not in one frame.
     CostMapError
-        If one cannot be read.
+        If a map cannot be read, or the joined one would be too large.
     OutputError
         If the map cannot be written.
     """
@@ -280,7 +288,7 @@ def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
 
 
 def many_text(outcomes: Sequence[Outcome]) -> str:
-    """Report the outcome of each bag, in a line each."""
+    """Report the outcomes as a table with a line for each bag, and below it what went wrong."""
     rows = []
     for outcome in outcomes:
         state = outcome.state.replace("_", " ") + (" (before)" if outcome.done_before else "")

@@ -36,13 +36,13 @@ class NewBag(BagWriter):
     path
         Folder of the new bag.
     reader
-        Reader of the old bag.
+        Open reader of the old bag.
     copied
-        Topics and types that are copied.
+        Topics and types whose messages are copied.
     frames
-        Frame of each wheel's messages.
+        Name of the frame of each wheel's messages, by the wheel's name.
     base_frame
-        The vehicle's base frame.
+        Name of the vehicle's base frame.
 
     Attributes
     ----------
@@ -52,9 +52,9 @@ class NewBag(BagWriter):
         Prefix of the topics of the estimates: the node's name, preceded by /replay if the bag already
         contains estimates of the node.
     left_out
-        Topics and types that are not copied, since their type is unknown.
+        Topics and types that were to be copied, but are not, since their type is unknown.
     damaged
-        Number of messages that are not copied, since they cannot be converted.
+        Number of messages so far that are not copied, since they cannot be converted.
     """
 
     def __init__(
@@ -109,20 +109,20 @@ class NewBag(BagWriter):
         times: Integers,
         frame: str,
     ) -> None:
-        """Write the fields of both messages, row by row.
+        """Write a MobilityEstimate for each row, and SoilEstimate and /tf as often as the node would.
 
         Parameters
         ----------
         rows
-            The estimates.
+            The estimates, for their stamps and poses.
         columns
             Fields of MobilityEstimate by name, each of shape (rows,).
         soils
-            Fields of SoilEstimate of each row.
+            Fields of SoilEstimate by name, for each row.
         times
-            Recording times, shape (rows,), ns.
+            Recording times, ns, shape (rows,).
         frame
-            Frame of the odometry.
+            Name of the odometry's frame; empty if unknown: then no pose is written to /tf.
         """
         names, stamps = list(columns), rows.stamp.tolist()
         values = [c.tolist() if hasattr(c, "tolist") else c for c in columns.values()]
@@ -139,16 +139,16 @@ class NewBag(BagWriter):
             self._write_pose(stamp, poses[i], time, frame)
 
     def write_vehicle(self, stamps: Integers, columns: Mapping[str, Any], times: Integers) -> None:
-        """Write the fields of VehicleMobility, row by row.
+        """Write a VehicleMobility for each row.
 
         Parameters
         ----------
         stamps
-            Shape (rows,), ns.
+            Stamps of the messages, ns, shape (rows,).
         columns
             Fields of VehicleMobility by name, each of shape (rows,).
         times
-            Recording times, shape (rows,), ns.
+            Recording times, ns, shape (rows,).
         """
         values = [c.tolist() if hasattr(c, "tolist") else c for c in columns.values()]
         for stamp, time, *row in zip(stamps.tolist(), times.tolist(), *values, strict=True):
@@ -165,16 +165,16 @@ class NewBag(BagWriter):
             self._soil_waits = None
 
     def write_twists(self, rows: Twists, settings: TwistSettings, times: Integers) -> None:
-        """Write the vehicle's twist at each row.
+        """Write a TwistWithCovarianceStamped for each row, on the topic ~/twist.
 
         Parameters
         ----------
         rows
-            The twists.
+            The vehicle's twists.
         settings
             Settings of their covariance.
         times
-            Recording times, shape (rows,), ns.
+            Recording times, ns, shape (rows,).
         """
         topic = f"{self.prefix}/twist"
         if not self.has_twists:
@@ -191,14 +191,18 @@ class NewBag(BagWriter):
             self.write(topic, _TWIST, int(times[i]), message)
 
     def is_due(self, what: str, time: int, period: int) -> bool:
-        """Whether a period has passed since this was last written, or time went back.
+        """Whether something that is written at intervals is due, and if so, note the time.
+
+        It is due for the first time, a period after it was last due, and if time went back.
 
         Parameters
         ----------
         what
-            Name of what is written at intervals.
-        time, period
-            Time of recording, and length of the period, ns.
+            Name of what is written, such as `soil`.
+        time
+            Present time, ns, always on the same clock for one name.
+        period
+            Length of the interval, ns.
         """
         sent = self._sent.get(what)
         due = sent is None or not sent <= time < sent + period
@@ -207,14 +211,14 @@ class NewBag(BagWriter):
         return due
 
     def write_grids(self, grids: CostGrids, stamp: int, time: int) -> None:
-        """Write the cost grids.
+        """Write both cost grids, each on its topic.
 
         Parameters
         ----------
         grids
             The grids of costs.
         stamp, time
-            Stamp, and time of recording, ns.
+            Stamp of the messages, and time of recording, ns.
         """
         for name, grid in zip(COST_TOPICS, grids, strict=True):
             self._write_grid(f"{self.prefix}/{name}", grid, stamp, time)
@@ -234,7 +238,7 @@ class NewBag(BagWriter):
         self.write(topic, _GRID, time, message)
 
     def _write_pose(self, stamp: int, pose: Sequence[float], time: int, frame: str) -> None:
-        """Write where base_frame is in the frame of the odometry, unless the bag's own /tf is copied."""
+        """Write the pose of base_frame in the odometry's frame to /tf, unless the old bag's /tf is copied."""
         if self._has_tf or not frame or not math.isfinite(sum(pose)):
             return
         if not self.is_due("pose", stamp, _POSE_PERIOD):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Passes messages of a bag about the ground ahead to the cost map of a replay."""
+"""Passes messages of a bag about the ground ahead (terrain classes, elevations) to a replay's cost map."""
 
 from __future__ import annotations
 
@@ -19,13 +19,26 @@ from smallwheel_ros.replay.spec import ReplaySpec
 class RecordedAhead:
     """Messages about the ground ahead, held back until the estimates reach their time.
 
+    Parameters
+    ----------
+    spec
+        Specification of the replay, for the names of topics in the bag.
+    reader
+        Open reader of the bag.
+    settings
+        The node's settings.
+    cost_map
+        Map that takes the messages.
+    pipeline
+        Pipeline that counts problems with them.
+
     Attributes
     ----------
     topics
-        Names and types of topics in the bag, each with its decoder and the function that takes its
+        For the name and type of each topic in the bag, its decoder and the function that takes its
         messages.
     notes
-        Why a topic cannot be read.
+        A sentence on each topic that cannot be read.
     """
 
     def __init__(
@@ -60,7 +73,7 @@ class RecordedAhead:
             self._waiting.append(message)
 
     def take_until(self, time: int) -> None:
-        """Pass to the map every message recorded up to `time` (ns)."""
+        """Pass to the map every kept message recorded up to a time (ns, inclusive)."""
         while self._waiting and self._waiting[0].log_time <= time:
             topic, kind, _, data = self._waiting.popleft()
             decode, take = self.topics[topic, kind]

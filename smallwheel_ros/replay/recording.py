@@ -38,24 +38,24 @@ class Recording:
     pipeline
         Pipeline to whose streams the messages go.
     in_bag
-        Converts the node's name of a topic to the bag's.
+        Function that converts the node's name of a topic to the bag's.
     clock
         Whether stamps are compared with the recorded /clock or, if there is none, with recording times.
 
     Attributes
     ----------
     used
-        Topics and types that are inputs, and the clock.
+        Topics and types that are inputs, readable or not, and the clock.
     unusable
-        Topics and types that would be inputs, and why they cannot be read.
+        By topic and type, why an input cannot be read, in words.
     time, read
         Log time (ns) of the newest message, and number of messages read.
     frame
-        Frame of the odometry.
+        Name of the odometry's frame; empty while unknown.
     damage
-        Where a damaged bag ended early.
+        The error at which a damaged bag ended early; None if it did not.
     stopped
-        Set it to stop reading; messages read before are still processed.
+        Set it to True to stop reading; messages read before are still processed.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Recording:
         self.unusable: dict[Key, str] = {}
         present = {topic[:2] for topic in reader.topics}
         self._has_clock = clock and _CLOCK in present
-        self._clock = 0  # ns, what it said last
+        self._clock = 0  # time of the newest /clock message, ns
         for topic in topics_of(settings):
             key = in_bag(topic.name), topic.type
             if key in present:
@@ -91,7 +91,7 @@ class Recording:
         self._newest: list[tuple[int, int]] = []  # stamps at ends of turns, and log times
 
     def _listen(self, key: Key, topic: Topic) -> None:
-        """Note which topic of the bag is an input, and how it is read."""
+        """Note that a topic of the bag is an input, and how to read it, or why it cannot be read."""
         try:
             self._reader.decoder(*key)
         except DefinitionError as error:
@@ -117,16 +117,21 @@ class Recording:
         Parameters
         ----------
         also
-            Topics to read in addition to the inputs.
+            Names of topics to read in addition to the inputs.
         each
-            Called with every message.
+            Called with every message that is read, in order; None: nothing is called.
         block
-            Messages in a block, at most.
+            Messages in a block, at most; a block also ends after 5 s of the recording.
 
         Yields
         ------
         iterator of Turn
-            The turns of a block.
+            The turns of a block, computed as they are asked for.
+
+        Raises
+        ------
+        BagError
+            If `each` writes to another bag, and that fails. Damage to this bag is kept in `damage`.
         """
         begin, chunk = self.time, list[Message]()
         by_recording = self._by_clock and not self._has_clock
@@ -172,7 +177,7 @@ class Recording:
         self._pipeline.note(stream, "not_readable", f"topic {topic}: {reason(error)}")
 
     def _turn(self, chunk: list[Message], *, last: bool = False) -> Iterator[Turn]:
-        """Give what was kept to the pipeline, which makes turns of it as they are asked for."""
+        """Feed a block of messages to the pipeline, and return its turns, computed as they are asked for."""
         if chunk:
             feed(self._pipeline, self._topics, self._decoders, chunk)
             of_odometry = (data for topic, data, _ in reversed(chunk) if topic in self._odometry)
@@ -183,7 +188,10 @@ class Recording:
         return self._pipeline.turns(last=last)
 
     def log_times(self, stamps: Integers) -> Integers:
-        """Log times (ns) at which the newest messages had these stamps, interpolated between turns."""
+        """Log times (ns) at which the newest messages had these stamps (ns), interpolated between turns.
+
+        They are at most the log time of the newest message read.
+        """
         known, times = np.array(self._newest or [(self.time, self.time)], dtype=np.int64).T
         since = stamps - known[0]  # as floats, whole nanoseconds of a year are lost
         passed = np.interp(since, known - known[0], times - times[0])
@@ -210,9 +218,9 @@ def turns_of(
     block
         Messages in a block, at most.
     clock
-        Whether /clock of the bag is the time, as with `use_sim_time`.
+        Whether stamps are compared with the recorded /clock or, if there is none, with recording times.
     remap
-        Names of topics in the bag by those in the parameters.
+        Names of topics in the bag, by the names in the node's parameters.
 
     Yields
     ------
@@ -240,7 +248,7 @@ def turns_of(
 
 
 def _both(one: Topic, other: Topic) -> Topic:
-    """A topic that two inputs come by."""
+    """Join two inputs that come by the same topic into one."""
 
     def read(fields: Fields, joints: list[str]) -> Rows:
         return one.read(fields, joints) | other.read(fields, joints)

@@ -57,7 +57,7 @@ from smallwheel_ros.replay.tables import (
 )
 
 Progress = Callable[[int, int], object]
-Report = Callable[[Replayed, Path], object]  # writes a page of what is in the folder of that path
+Report = Callable[[Replayed, Path], object]  # writes a page on the result into the folder
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
 _HINT = (
     "header stamps are far from the times of recording, so most messages were refused, as the node"
@@ -80,7 +80,13 @@ def replay(
     progress
         Called from time to time with the number of messages done and their total.
     report
-        Writes a page, before the replay counts as done.
+        Called with the result and the folder in which it is being prepared, to write a page into that folder
+        before the replay counts as done.
+
+    Returns
+    -------
+    Replayed
+        The result; its files are in the spec's folder.
 
     Raises
     ------
@@ -152,7 +158,7 @@ class _Drive:
         self._look_for_inputs(spec)
 
     def _go_on(self) -> None:
-        """Go on from a saved soil and map. Raises ReplayError where there is one that cannot be used."""
+        """Start from a saved soil and map if there are any. Raises ReplayError if the soil is unusable."""
         restored = self._soil_file.restore(self._pipeline)
         if self._soil_file.problem:
             raise ReplayError(f"{self._soil_file.problem}; give another file with --soil-file")
@@ -160,14 +166,14 @@ class _Drive:
         self._notes += [text for text in (restored, remembered) if text]
 
     def save_soil(self) -> str:
-        """Save the soil where the spec says; return in words what came of it, empty where it says nothing."""
+        """Save the soil into the spec's soil file; return what was done, in words, empty without a file."""
         if self._spec.soil_file is None:
             return ""
         saved, words = self._soil_file.save(self._pipeline, self._ground.map)
         return f"soil saved: {words}" if saved else words
 
     def _look_for_inputs(self, spec: ReplaySpec) -> None:
-        """Find out which topic is which input, and what is copied."""
+        """Determine the topic of each input, and the topics that are copied."""
         reader, settings, used = self._reader, self._settings, self._recording.used
         present = {topic[:2] for topic in reader.topics}
         unusable = self._recording.unusable
@@ -184,7 +190,7 @@ class _Drive:
         return NewBag(path, self._reader, self.copied, frames, self._settings.base_frame)
 
     def run(self, table: EstimatesTable, bag: NewBag, stop: Stop, progress: Progress) -> Replayed:
-        """Read the bag to its end, its damage, or a signal."""
+        """Read the bag to its end, its damage or a signal to stop, write estimates, and return the result."""
         self._table, self._bag = table, bag
         recording = self._recording
         total = sum(t.message_count for t in self._reader.topics if t.name in self._names)
@@ -269,7 +275,7 @@ class _Drive:
         self._bag.write_estimates(rows, columns, of_rows, recorded, self._recording.frame)
 
     def _lay(self, rows: Estimates, vehicle: VehicleEstimates) -> VehicleEstimates:
-        """Lay rows down on the map, and write it as often as the node would have published it.
+        """Write rows into the cost map, and the map into the bag as often as the node would publish it.
 
         Returns the vehicle's rows with the margins of terrain classes where nothing else is known.
         """
@@ -313,7 +319,7 @@ class _Drive:
             self._bag.write_grids(grids, stamp, time)
 
     def write_map(self, path: Path) -> None:
-        """Write all that was crossed, also what the window has left behind, for map_server."""
+        """Write all crossed ground, inside and outside the window, as a map for map_server."""
         whole = self._ground.map.spread_whole()
         if whole is not None:
             write_map(path, whole)

@@ -56,7 +56,7 @@ _OF_SOIL = (
     "k is the pressure at one metre of sinkage, far beyond small wheels."
 )
 _BAND = 1.96  # standard deviations: 95 %
-_STEPS = 400  # of the way
+_STEPS = 400  # of time, in which the path is drawn
 _MOST_POINTS = 500  # of a curve: a plot is no wider on a screen
 _LOW = 2.0  # inch, height of a plot over time
 _GAP = 5.0  # times the usual step of time: a longer one is a gap
@@ -82,11 +82,11 @@ def page(result: Replayed, pictures: bool = True, folder: Path | None = None) ->
     Parameters
     ----------
     result
-        The replay.
+        Result of the replay.
     pictures
-        Whether to draw.
+        Whether the page has figures.
     folder
-        Folder with its tables; that of the spec if not given.
+        Folder with its tables, from which figures are drawn; that of the spec if not given.
     """
     summary = result.to_dict(folder)
     return _page(summary, drive_blocks(summary, folder or result.spec.folder) if pictures else [])
@@ -98,9 +98,14 @@ def save_page(result: Replayed, folder: Path) -> None:
     Parameters
     ----------
     result
-        The replay.
+        Result of the replay.
     folder
-        Its folder, which may still be a draft.
+        Folder with its tables, into which report.html is written; it may still be a draft.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
     """
     page(result, folder=folder).write(folder / FILES["report"])
 
@@ -111,11 +116,11 @@ def draw(axes: Axes, replayed: Replayed, quantity: str) -> None:
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     replayed
-        The replay.
+        Result of the replay.
     quantity
-        Name of the column.
+        Name of the column, such as `sinkage_predicted`.
 
     Raises
     ------
@@ -231,7 +236,7 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
 
 
 def _warnings(events: list[dict[str, Any]]) -> str:
-    """How often each level of the warning began."""
+    """A sentence on how often each level of the warning began."""
     kinds = [event["kind"] for event in events]
     counts = {
         WarningLevel.warned(level).short: kinds.count(kind)
@@ -278,7 +283,7 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
 
 
 def _unknown(known: float) -> str:
-    """Why there are no typical values. known: share of the estimates that know the quantity, 0 to 1."""
+    """A clause on why there are no typical values. known: share of estimates with the quantity, 0 to 1."""
     return f"known in {100 * known:.1f} % of estimates, too few to sum up" if known else "not known"
 
 
@@ -298,7 +303,12 @@ def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
     summary
         Content of replay.json.
     folder
-        Where the tables are.
+        Folder with estimates.csv and, if there is one, the cost map.
+
+    Returns
+    -------
+    list of Block
+        Figures `path` (with odometry), `wheels` and `soil` (if a sinkage was used); empty without estimates.
     """
     counts = [wheel["estimates"] for wheel in summary["wheels"].values()]
     every = max(1, math.ceil(max(counts) / _MOST_POINTS))
@@ -337,7 +347,7 @@ def _maps(way: dict[str, Any] | None, events: Sequence[dict[str, Any]]) -> list[
     x, y = (np.asarray(way[name], float) for name in ("x", "y"))
     places = np.reshape([e["place"] for e in events if e["place"] is not None], (-1, 2))
     happened = Layer("points", places[:, 0], places[:, 1], colour="w1", name="what happened")
-    # As high as the path is wide against its length, within what can be read.
+    # Of the path's proportions, within limits in which it can be read.
     height = float(np.clip(7.5 * np.ptp(y[np.isfinite(y)]) / max(np.ptp(x[np.isfinite(x)]), 1e-9) + 1.0,
                            1.6, 5.0))  # fmt: skip
     names = {"sinkage": "sinkage [mm]", "margin": "drawbar margin [%]", "cost": "cost"}
@@ -410,7 +420,7 @@ def _match_rates(summary: dict[str, Any]) -> Table:
 
 
 def _used(summary: dict[str, Any]) -> bool:
-    """Whether any sinkage was used for the soil, which else is as it was before the drive."""
+    """Whether any sinkage was used to update the soil."""
     return any(wheel["used_for_soil"] for wheel in summary["wheels"].values())
 
 
@@ -507,7 +517,7 @@ def _caveats(summary: dict[str, Any]) -> Block:
     return Text(items=lines)
 
 
-# --- The drive as the data that the page draws; a number that is not known is a gap
+# --- Data of the page's figures; an unknown number is a gap
 
 
 def _needed(column: Any) -> bool:
@@ -515,19 +525,20 @@ def _needed(column: Any) -> bool:
 
 
 def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
-    """Read every n-th row of each wheel of a table of estimates.
+    """Read every n-th row of each wheel from a table of estimates.
 
     Parameters
     ----------
     table
         CSV file of estimates.
     every
-        n.
+        n; 1 reads all rows.
 
     Returns
     -------
     dict of DataFrame
-        Rows of each wheel, with a column `used`: whether the soil was updated by the row's sinkage.
+        By the wheel's name, the columns that the page draws, as they stand in the file, and the column
+        `used`: whether the row's sinkage was used to update the soil.
     """
     rows = pd.read_csv(table, usecols=_needed)
     rows["used"] = is_used(rows)
@@ -555,7 +566,10 @@ def _with_band(rows: pd.DataFrame, name: str, scale: float) -> dict[str, Any]:
 
 
 def with_gaps(rows: pd.DataFrame) -> pd.DataFrame:
-    """A blank row wherever time makes a jump, so that no line is drawn across it."""
+    """Insert a row without values wherever the column `time` makes a jump, so that no line crosses it.
+
+    A jump is a step of more than 5 times the median one. Rows are in order of time, before and after.
+    """
     time = rows["time"].to_numpy(dtype=float)
     step = np.diff(time)
     if step.size < 2:
@@ -566,7 +580,7 @@ def with_gaps(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _costs(ground: Grid | None, rows: pd.DataFrame) -> NDArray[np.float64]:
-    """What the map has where the vehicle was, NaN where that is nothing."""
+    """Costs of the map at the places of the vehicle, shape (rows,); NaN where unknown."""
     costs = np.full(len(rows), np.nan)
     if ground is None:
         return costs
@@ -579,10 +593,10 @@ def _costs(ground: Grid | None, rows: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def _way(rows: pd.DataFrame) -> dict[str, Any] | None:
-    """The way in steps of time, a gap where one is empty; None without odometry.
+    """The path in equal steps of time, NaN in an empty step; None without odometry.
 
-    Sinkage is the mean over the wheels; the margin is the vehicle's, wheels weighted by load; cost is the
-    dearest of the step.
+    Sinkage (mm) is the mean over the wheels; the margin (per cent) that of the vehicle, with wheels weighted
+    by load; the cost the highest one of the step.
     """
     rows = rows.dropna(subset=["x", "y"])
     if len(rows) < 2:
@@ -603,7 +617,7 @@ def _way(rows: pd.DataFrame) -> dict[str, Any] | None:
 
 
 def _soil_data(rows: pd.DataFrame) -> dict[str, Any]:
-    """Reference pressure, k, n and m with 95 % bands; of the first two in the logarithm."""
+    """Reference pressure, k, n and m over time with 95 % bands, those of the first two in the logarithm."""
     keep = np.linspace(0, len(rows) - 1, min(len(rows), _MOST_POINTS)).round().astype(int)
     rows = with_gaps(rows.iloc[np.unique(keep)])
     parts = []

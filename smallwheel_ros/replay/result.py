@@ -65,12 +65,12 @@ _UNITS |= {"effective_modulus": "Pa/m^n", "reference_pressure": "Pa"}
 
 
 def files_in(folder: Path) -> dict[str, str]:
-    """Names of the files in the folder, by kind."""
+    """Names of a replay's files that exist in a folder, by their keys in `FILES`."""
     return {what: name for what, name in FILES.items() if (folder / name).exists()}
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Return the summary of a replay into that folder; empty where there is none."""
+    """Return the content of replay.json in a folder; empty if there is none, or it cannot be read."""
     try:
         content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -79,7 +79,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def is_done(spec: ReplaySpec) -> bool:
-    """Whether the folder holds the complete result of the same replay."""
+    """Whether the spec's folder has the result of the same replay, to the end of the bag or its damage."""
     summary = read_summary(spec.folder)
     if summary.get("state") not in ("complete", "ended_early"):
         return False
@@ -91,11 +91,25 @@ def is_done(spec: ReplaySpec) -> bool:
 
 @contextmanager
 def draft(spec: ReplaySpec) -> Iterator[Path]:
-    """A hidden folder in the spec's folder; on success its files replace those of an earlier replay.
+    """Provide a hidden folder in the spec's folder; at the end its files replace those of an earlier replay.
 
-    If the block raises an error, or its process dies, the earlier files are unchanged. Raises
-    ReplayError if the folder is the bag, would overwrite the bag, holds something else under the names
-    needed, or cannot be used.
+    If the `with` block raises an error, or its process dies, the earlier files are unchanged.
+
+    Parameters
+    ----------
+    spec
+        Specification of the replay.
+
+    Yields
+    ------
+    Path
+        The hidden folder; the block has to write replay.json into it.
+
+    Raises
+    ------
+    ReplayError
+        If the folder is the bag, contains the bag where the new one would be, has files of these names that
+        no replay wrote, or cannot be used.
     """
     folder, bag = spec.folder, spec.bag.resolve()
     if folder.resolve() == bag:
@@ -144,6 +158,20 @@ class Replayed(Result, shown="replay.report"):
 
     Attributes
     ----------
+    spec, settings
+        What was replayed and how, and the node's settings.
+    notes
+        Sentences on parameters, inputs and stamps that the user should know of.
+    inputs
+        The node's inputs, with the reason for each that the bag lacks.
+    pipeline, happened
+        The estimator in its state at the end, and the events of the drive.
+    estimates, vehicle, stretches
+        The tables that were written, with their counts.
+    measurements
+        Number of rows of measurements.csv.
+    has_twists
+        Whether the new bag has the vehicle's twists.
     state
         ``complete``, ``ended_early`` (the bag is damaged) or ``interrupted``.
     ended
@@ -151,15 +179,16 @@ class Replayed(Result, shown="replay.report"):
     start, end
         Recording times of the first and the last message, ns.
     messages_read, message_count
-        For the topics that were read: number of messages read, and of those in the bag by its own count.
+        Number of messages read, and the number that the bag states for the topics that were read.
     prefix
-        Prefix of the topics of the estimates in the new bag.
+        Prefix of the topics of the estimates in the new bag, such as `/mobility_estimator`.
     left_out
         Topics and types that are not in the new bag, since the type is unknown.
     diagnosis
-        Diagnosis of the steady stretches; None if there are none.
+        Diagnosis of the steady stretches; None if there are none, or the replay was interrupted.
     place
-        Keeps a temporary folder alive, which is deleted together with the result.
+        The temporary folder of the files, which is deleted together with the result; None if the files are
+        in a folder of the user's.
     """
 
     spec: ReplaySpec
@@ -192,7 +221,10 @@ class Replayed(Result, shown="replay.report"):
         return f"{self.spec.bag.name}: {seconds:.1f} s, {metres:.1f} m, {count} estimates{state}"
 
     def rows(self) -> list[dict[str, Any]]:
-        """How closely the estimates match the measured sinkage of each wheel."""
+        """One row for each wheel: its name, the counts of `COUNTS`, and sinkage_rms.
+
+        That is the root mean square of measured minus predicted sinkage, m; None if no sinkage was used.
+        """
         return [{"wheel": name, **counts} for name, counts in self._wheels().items()]
 
     def _wheels(self) -> dict[str, dict[str, Any]]:
@@ -218,7 +250,7 @@ class Replayed(Result, shown="replay.report"):
         Parameters
         ----------
         ax
-            Where to draw; new axes if not given.
+            Axes to draw on; those of a new figure if not given.
         quantity
             Name of the column.
 
@@ -232,7 +264,7 @@ class Replayed(Result, shown="replay.report"):
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
         """The content of replay.json: SI units, times in s since the bag's beginning.
 
-        Its files are in `folder`; in that of the spec if not given.
+        It lists the files in `folder`, or in the spec's folder if none is given.
         """
         happened, received = (
             self.happened,
@@ -310,7 +342,7 @@ class Replayed(Result, shown="replay.report"):
         return dict(plain(content))
 
     def _mobility(self) -> dict[str, Any]:
-        """Slip, margin and risk; whether the margin is that of any ground's prior still."""
+        """Summary of slip, margin and risk, and whether the margin is still that of any ground's prior."""
         told: dict[str, Any] = {**self.estimates.told(), "risk": self.vehicle.risk()}
         settings, spread = self.pipeline.settings, told["margin"]["std"]
         of_prior = spread is not None and bool(is_prior(spread, settings.reference_slip))
@@ -318,7 +350,7 @@ class Replayed(Result, shown="replay.report"):
         return told
 
     def _prior_strength(self) -> str:
-        """Whose strength pull is by where it is a prior's still; "" where it was measured."""
+        """Name of the soil whose strength was assumed for the pull; empty if the strength was measured."""
         strength, settings = self.pipeline.strength, self.pipeline.settings
         measured = strength.determined or settings.strength_measured
         return "" if measured else strength_of_prior(settings)

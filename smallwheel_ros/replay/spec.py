@@ -49,16 +49,27 @@ class ReplayError(SmallwheelError):
 class ReplaySpec:
     """What to replay and how; plain values, so that it can be sent to another process or machine.
 
-    The fields are arguments of `api.replay`, except for these:
-
     Attributes
     ----------
+    bag
+        A rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag.
+    config
+        The node's parameter file.
     folder
         Folder for the results.
     remaps
         Full names of topics in the bag, by the node's full names.
+    clock
+        Whether stamps are compared with times of recording, or only with each other.
+    copy
+        Topics that are copied into the new bag: `all`, those that are `used`, or `none`.
+    rate
+        Largest number of estimates of each wheel in a second, Hz, in place of the parameter mobility.rate; 0:
+        one for each measured sinkage. None: the parameter's.
     notes
-        Remarks to print at the beginning.
+        Remarks for the user, which the result repeats.
+    soil_file
+        File of a saved soil to start from, and to save the soil to at the end; None: none.
     """
 
     bag: Path
@@ -78,13 +89,14 @@ class ReplaySpec:
         return bag.name if bag.is_dir() else bag.stem
 
     def in_bag(self, name: str) -> str:
-        """Return the bag's name of a topic that the node knows by `name`."""
+        """Return the full name in the bag of the topic that the node calls `name`."""
         return self.remaps.get(resolved(name), resolved(name))
 
     def fingerprint(self) -> str:
-        """Identify this replay among all others by bag, parameters and options.
+        """Return a SHA-256 of bag, parameters, options and this package's version, to recognise a replay.
 
-        The bag is identified by the names, sizes, times and first megabytes of its files.
+        The bag is identified by the names, sizes, times of change and first megabytes of its files. Raises
+        OSError if the bag or the parameter file cannot be read.
         """
         digest = hashlib.sha256(__version__.encode())
         files = self.bag.iterdir() if self.bag.is_dir() else [self.bag]
@@ -106,7 +118,7 @@ class ReplaySpec:
 
 
 def resolved(name: str) -> str:
-    """Return a topic's full name, as ROS does for the node in the root namespace."""
+    """Return a topic's full name, resolved as ROS does for the node in the root namespace."""
     if name.startswith("~"):
         return f"/{NODE_NAME}/{name[1:].lstrip('/')}"
     return name if name.startswith("/") else f"/{name}"
@@ -115,7 +127,8 @@ def resolved(name: str) -> str:
 def read_remaps(given: Iterable[str]) -> dict[str, str]:
     """Read remaps as ROS writes them, ``odom:=/rover/odom``: the node's name, then the bag's.
 
-    Raises ReplayError if one is not of that form, or a name is remapped twice.
+    Returns full names in the bag, by the node's full names. Raises ReplayError if one is not of that form,
+    or a name is remapped twice.
     """
     remaps: dict[str, str] = {}
     for text in given:
@@ -135,10 +148,10 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
 
 
 def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
-    """The replay with a parameter file written from its bag into its folder.
+    """Write a parameter file from the bag into the folder; return the specification with that file.
 
-    Raises BagError, or InitError if the bag does not contain enough, or another parameter file is in
-    the folder.
+    Raises BagError if the bag cannot be read, and InitError if the bag does not contain enough, or the folder
+    has another rover.yaml.
     """
     rover = rover_of_bag(like.bag)
     if rover.missing:
@@ -178,14 +191,15 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
     Parameters
     ----------
     spec
-        The replay.
+        Specification of the replay.
     reader
-        The reader of its bag.
+        Open reader of its bag.
 
     Returns
     -------
     settings, notes : NodeSettings, list of str
-        Notes name unknown parameters, and values from the description.
+        Settings of the node, and sentences on unknown parameters, on values from the robot description, and
+        on remaps without effect.
 
     Raises
     ------
@@ -217,7 +231,7 @@ def _description_topic(values: Mapping[str, object]) -> str:
 def _described(
     topic: str, reader: BagReader, values: Mapping[str, object]
 ) -> tuple[Mapping[str, Value], list[str]]:
-    """Return what the bag's first robot description fills, and notes about it."""
+    """Return missing parameters that the bag's first robot description gives, and notes about it."""
     if (topic, DESCRIPTION_TYPE) not in {t[:2] for t in reader.topics if t.message_count}:
         needed = needs_description(values)
         return {}, [f"no robot description: {topic} is not in the bag"] if needed else []
@@ -234,16 +248,16 @@ def _described(
 
 @dataclass(frozen=True)
 class Input:
-    """A topic that the node listens to, for one stream of the estimate (`Pipeline.streams`).
+    """A topic that the node listens to, for one stream of numbers of its estimator (`Pipeline.streams`).
 
     Attributes
     ----------
     stream
-        Name of the stream.
+        Name of the stream, such as `front_left/load`.
     topic, type
-        Name of the topic, after remaps, and type of its messages.
+        Name of the topic in the bag, after remaps, and type of its messages.
     detail
-        The part of the message that is used, in words.
+        The part of the message that is used, in words; empty if all of it is.
     lacking
         Why the bag does not provide it, in words; empty if it does.
     """
@@ -267,20 +281,25 @@ def inputs_of(
     reader: BagReader,
     unusable: Mapping[Key, str],
 ) -> tuple[Input, ...]:
-    """Find the topic of each stream of the estimate, or the reason why it has none.
+    """List the inputs of the node's estimator, with the reason for each that the bag lacks.
 
     Parameters
     ----------
     spec
-        The replay.
+        Specification of the replay.
     topics
         The node's input topics.
     settings
         The node's settings.
     reader
-        Reader of the bag.
+        Open reader of the bag.
     unusable
         By topic and type, why the bag's message definition cannot be used.
+
+    Returns
+    -------
+    tuple of Input
+        One for each stream of each topic.
 
     Raises
     ------
@@ -311,7 +330,7 @@ def inputs_of(
 
 
 def _detail(stream: str, settings: NodeSettings) -> str:
-    """Which part of its message a stream of a wheel is, in words; empty where it is all of it."""
+    """The part of its message that a stream of a wheel uses, in words; empty where it uses all of it."""
     wheel, _, what = stream.rpartition("/")
     own = settings.inputs.get(wheel)
     if own is None:
@@ -327,21 +346,21 @@ def _detail(stream: str, settings: NodeSettings) -> str:
 
 
 def check_enough(wheels: Iterable[str], inputs: Sequence[Input], reader: BagReader) -> None:
-    """Check that some wheel has everything that an estimate needs.
+    """Check that for at least one wheel neither the input of its load nor that of its sinkage is lacking.
 
     Parameters
     ----------
     wheels
-        Their names.
+        Names of the wheels.
     inputs
-        All streams, with what is lacking.
+        All inputs, as `inputs_of` lists them.
     reader
-        Reader of the bag.
+        Open reader of the bag, for the topics that the error proposes.
 
     Raises
     ------
     ReplayError
-        If no wheel has; it lists what is missing and what to do.
+        If there is no such wheel; the message lists what is missing and what to do.
     """
     missing = [item for item in inputs if item.lacking]
     lost = {item.stream for item in missing}

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two tables of a drive: its estimates, and its steady stretches as measurements.
+"""The tables of a drive: estimates, twists, the vehicle's mobility, and steady stretches as measurements.
 
-Consecutive readings of a sensor are not independent evidence, since they share the spot. Each row
+Consecutive readings of a sensor are not independent evidence, since they are of the same spot. Each row
 of measurements is therefore the median of a wheel's readings over a stretch no shorter than a turn
 of the largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or
 speed changed are left out, since a row must be one steady measurement; so are those within a
 wheel's turn of a change of soil, where some wheels are on the other soil. The pass number is that
 of the middle half of a stretch's readings. If it is known for most rows, rows without it are left
-out, since a table of measurements has no blank there; otherwise the column is.
+out, since that column of a table of measurements has no blanks; otherwise the column is left out.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ _FIRST = ("stamp", "time", "wheel", "x", "y", "speed", "travel", "status", "stat
 _BLOCK = 20_000  # rows that are kept before they are written, or reduced to stretches
 COUNTS = ("estimates", "with_sinkage", "with_load", "with_slip", "used_for_soil")
 MARGIN = "mobility_margin"
-# Share of the estimates: what fewer of them know is not of the drive, as the slip by an odometry that is
-# refused after 1 s.
+# Share of the estimates: a quantity that fewer of them have is not summed up, such as the slip by an odometry
+# that was refused after 1 s.
 SUMMED_UP = 0.05
 _MOBILITY = ("slip", MARGIN, f"{MARGIN}_standard_deviation")
 _STATUS = np.array([status.name for status in Status], dtype=object)
@@ -59,9 +59,10 @@ _DEPTH = 0.5e-3  # m of new depth that make a stretch of a pressed wheel's way
 
 @cache
 def columns() -> tuple[str, ...]:
-    """The table's columns in their order.
+    """Names of the columns of a table of estimates, in order.
 
-    They are the fields of both messages without the flags of validity, since unknown cells are blank.
+    They are the fields of MobilityEstimate and, with the prefix `soil_`, of SoilEstimate, without the flags
+    of validity, since unknown cells are blank.
     """
     mobility = [name for name in plain_fields(MOBILITY) if name not in VALID]
     soil = [f"soil_{name}" for name in plain_fields(SOIL)]
@@ -70,32 +71,34 @@ def columns() -> tuple[str, ...]:
 
 
 def deviations(soil: SoilEstimate) -> dict[str, float]:
-    """Standard deviations of k, n and m, for which the message has a covariance."""
+    """Standard deviations of k, n and m (SI), as k_standard_deviation and so on."""
     spread = np.sqrt(np.maximum(soil.covariance.diagonal(), 0.0)).tolist()
     return {f"{name}_standard_deviation": value for name, value in zip("knm", spread, strict=True)}
 
 
 class EstimatesTable(AbstractContextManager["EstimatesTable"]):
-    """Writes NAME.csv and, if pyarrow is installed, NAME.parquet, block by block.
+    """A table of estimates, written block by block as NAME.csv and, if pyarrow is installed, NAME.parquet.
+
+    Use it in a `with` statement, at whose end the last block is written.
 
     Parameters
     ----------
     stem
-        Path without suffix.
+        Path of the files without suffix.
     start
-        The bag's first log time, ns.
+        Log time at which the column `time` is 0, ns.
     wheels
-        Names of the wheels.
+        Names of the wheels, in the order of their numbers.
 
     Attributes
     ----------
     counts
-        By wheel, the number of estimates with each kind of value, and the sum `squares` of measured minus
-        predicted sinkage squared, m^2.
+        By wheel, the numbers of estimates named in `COUNTS`, and `squares`, the sum of (measured - predicted
+        sinkage)^2 over the estimates used for the soil, m^2.
     statuses
-        Number of estimates by status.
+        Number of estimates by the name of their status.
     mobility
-        Slip and margin of every estimate, block by block.
+        Slip, margin and the margin's standard deviation of every estimate, block by block.
     """
 
     def __init__(self, stem: Path, start: int, wheels: Sequence[str]) -> None:
@@ -124,9 +127,10 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         Returns
         -------
         dict
-            For slip, the share of estimates that know it (`known`, 0 to 1), its median and its 95 % quantile;
-            for the margin, the share, the median and the median of its standard deviations. Values are None
-            where fewer than `SUMMED_UP` of the estimates know the quantity.
+            For `slip`, the share of estimates that have it (`known`, 0 to 1), its `median` and its
+            `quantile_95`; for `margin`, `known`, `median`, and as `std` the median of its standard
+            deviations. Apart from the share, values are None where fewer than `SUMMED_UP` of the estimates
+            have the quantity.
         """
         rows = pd.concat(self.mobility) if self.mobility else pd.DataFrame(columns=list(_MOBILITY))
         slip, margin, spread = (rows[name].dropna().astype(float) for name in _MOBILITY)
@@ -144,20 +148,25 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         soils: Sequence[Mapping[str, Any]],
         soil_of: Integers,
     ) -> None:
-        """Add rows.
+        """Add the estimates of a turn.
 
         Parameters
         ----------
         rows
             The estimates.
         speed
-            Speed of each row's wheel, shape (rows,), m/s.
+            Speed of each row's wheel over the ground, m/s, shape (rows,).
         columns
             Fields of MobilityEstimate by name, each of shape (rows,).
         soils
-            Fields of SoilEstimate of each soil of these rows.
+            Fields of SoilEstimate by name, with standard deviations, for each soil of these rows.
         soil_of
-            Index in `soils`, shape (rows,).
+            Index in `soils` for each row, shape (rows,).
+
+        Raises
+        ------
+        ReplayError
+            If a block cannot be written.
         """
         if not len(rows):
             return
@@ -253,7 +262,7 @@ def is_used(table: pd.DataFrame) -> pd.Series[bool]:
 
 
 def _figures(known: int, rows: int, found: Mapping[str, float]) -> dict[str, float | None]:
-    """The share of rows that know a quantity, and typical values; None: unknown, or known in too few."""
+    """The share of rows with a quantity, and its typical values: None if too few rows have it."""
     share = known / max(rows, 1)
     values = {
         key: float(v) if math.isfinite(v) and share >= SUMMED_UP else None
@@ -263,7 +272,13 @@ def _figures(known: int, rows: int, found: Mapping[str, float]) -> dict[str, flo
 
 
 class TwistsTable:
-    """Rows of the vehicle's twist, written as NAME.csv and, where pyarrow is installed, NAME.parquet."""
+    """Rows of the vehicle's twist, written as NAME.csv and, if pyarrow is installed, NAME.parquet.
+
+    Parameters
+    ----------
+    start
+        Log time at which the column `time` is 0, ns.
+    """
 
     def __init__(self, start: int) -> None:
         self._start = start
@@ -285,19 +300,27 @@ class TwistsTable:
 
 
 class VehicleTable:
-    """Rows of VehicleMobility, written like those of the twist; unknown values are blank, without flags."""
+    """Rows of VehicleMobility, written as NAME.csv and, if pyarrow is installed, NAME.parquet.
+
+    They have no flags of validity: unknown values are blank.
+
+    Parameters
+    ----------
+    start
+        Log time at which the column `time` is 0, ns.
+    """
 
     def __init__(self, start: int) -> None:
         self._start = start
         self._blocks: list[pd.DataFrame] = []
 
     def add(self, stamps: Integers, columns: Mapping[str, Any]) -> None:
-        """Add rows.
+        """Add rows of a turn.
 
         Parameters
         ----------
         stamps
-            Shape (rows,), ns.
+            Stamps of the rows, ns, shape (rows,).
         columns
             Fields of VehicleMobility by name, each of shape (rows,).
         """
@@ -310,14 +333,14 @@ class VehicleTable:
         self._blocks.append(block.drop(columns=list(VEHICLE_VALID)))
 
     def risk(self) -> dict[str, float | None]:
-        """The risk of getting stuck: share of rows that know it, its median, and its maximum.
+        """The risk of getting stuck, 1: the share of rows that have it (`known`), its `median` and `highest`.
 
-        The median is None where fewer than `SUMMED_UP` of the rows know the risk.
+        The median is None where fewer than `SUMMED_UP` of the rows have the risk, the highest where none has.
         """
         rows = [block["risk_of_getting_stuck"] for block in self._blocks]
         risk = pd.concat(rows) if rows else pd.Series(dtype=float)
         known = risk.dropna()
-        # Typical it is only where enough rows know it; the highest one counts however rare it is.
+        # A median needs enough rows; the highest risk counts however rare it is.
         highest = float(known.max()) if len(known) else None
         return {**_figures(len(known), len(risk), {"median": known.median()}), "highest": highest}
 
@@ -342,12 +365,12 @@ def _write_table(table: pd.DataFrame, stem: Path) -> None:
 
 
 class SteadyStretches:
-    """Collects readings, and returns the rows of a table of measurements at the end.
+    """Collects readings, and at the end makes a table of measurements of their steady stretches.
 
     Parameters
     ----------
     wheels
-        All wheels.
+        All wheels, in the order of their numbers.
     pull_std
         Standard deviation of a measured drawbar pull, N; None if none is measured.
     gravity
@@ -356,9 +379,13 @@ class SteadyStretches:
     Attributes
     ----------
     unsteady
-        Number of stretches that were left out.
-    at_changes, unusable
-        Numbers of readings that were left out.
+        Number of rows that `table` left out: of stretches that are not steady, too short, next to a change of
+        soil, or with a sinkage below 0 or beyond the axle.
+    at_changes
+        Number of readings left out because the soil was changing.
+    unusable
+        Number of other readings left out because their load or sinkage or, for a rolling wheel, their slip or
+        speed is unknown.
     """
 
     def __init__(
@@ -378,18 +405,18 @@ class SteadyStretches:
         self.unsteady = self.at_changes = self.unusable = 0
 
     def starts_over(self) -> None:
-        """Note that the estimate starts over on another soil."""
+        """Note that the estimator starts over: readings from here on belong to another soil."""
         self._soil += 1
 
     def add(self, rows: Readings, changing: Flags) -> None:
-        """Add readings.
+        """Add the readings of a turn.
 
         Parameters
         ----------
         rows
-            Readings, in order of time.
+            Readings of all wheels, in order of time.
         changing
-            Whether the soil was changing at each reading, shape (rows,).
+            Whether the soil was changing at each reading, shape (rows,); such readings are left out.
         """
         if not len(rows):
             return
@@ -427,7 +454,7 @@ class SteadyStretches:
             self._reduce(self._soil, int(table["stretch"].iloc[-1]) - 1)
 
     def _reduce(self, soil: int, stretch: int) -> None:
-        """Reduce what lies before a stretch of a soil to a row for each wheel and stretch."""
+        """Reduce the readings before a stretch of a soil to a row for each wheel and stretch."""
         if not self._readings:
             return
         table = pd.concat(self._readings, ignore_index=True)
@@ -438,7 +465,11 @@ class SteadyStretches:
             self._done.append(_medians(table[ended], [*self._wheels]))
 
     def table(self) -> pd.DataFrame:
-        """The table of measurements, at the end of the drive."""
+        """Make the table of measurements at the end of the drive.
+
+        It has one row for each wheel and stretch, with columns that `smallwheel diagnose` reads; it is empty
+        without readings.
+        """
         self._reduce(self._soil + 1, 0)
         if not self._done:
             return pd.DataFrame()
@@ -451,7 +482,7 @@ class SteadyStretches:
             rows[name] = [getattr(wheel, name) for wheel in wheels]
         pressed = rows["contact"] == PRESSED
         steady = pressed | ((rows["count"] >= _FEWEST_READINGS) & rows["steady"])
-        # Where the zero is off a wheel may show to be above the ground: no table has that.
+        # With a wrong zero of its sensor a wheel may seem to be above the ground: no table may have that.
         good = steady & ~before_change & rows["sinkage"].between(0.0, rows["diameter"] / 2)
         self.unsteady = int((~good).sum())
         rows = rows[good]
@@ -462,7 +493,7 @@ class SteadyStretches:
         return self._named(rows)
 
     def _named(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """The columns as a table of measurements calls them."""
+        """The rows with the names and units that columns of a table of measurements have."""
         names = {"load": "load [N]", "diameter": "diameter [m]", "width": "width [m]",
                  "sinkage": "sinkage [m]", "sinkage_std": "sinkage_std [m]"}  # fmt: skip
         if self._pulls:
@@ -491,7 +522,7 @@ def _medians(table: pd.DataFrame, order: list[str]) -> pd.DataFrame:
     low, middle, high = (quartiles.xs(share, level=-1) for share in (0.25, 0.5, 0.75))
     rows, count = middle.copy(), groups.size()
     for name in ("sinkage", "drawbar_pull"):
-        # What they scatter, and what their sensor declares for each: the larger one counts.
+        # The larger of the readings' scatter and of what their sensor states for each.
         at = pd.MultiIndex.from_frame(table[keys])
         off = (table[name] - middle[name].reindex(at).to_numpy()).abs()
         scatter = NORMAL * off.groupby([table[key] for key in keys], observed=True).median()

@@ -26,7 +26,7 @@ def page(found: Added, pictures: bool = True) -> Page:
     found
         Result of adding the effect.
     pictures
-        Whether to draw the errors.
+        Whether the page has a figure of the errors.
     """
     columns = [
         Column("held-out error", "channel", words), of_channel("before", "before"),
@@ -47,16 +47,16 @@ def page(found: Added, pictures: bool = True) -> Page:
 
 
 def draw(axes: Axes, found: Added, channel: str | None = None) -> None:
-    """Draw the held-out error of a channel before and after.
+    """Draw the held-out error of a channel without and with the effect, as two bars.
 
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     found
         Result of adding the effect.
     channel
-        The first one if not given.
+        Name of the channel, such as `sinkage`; the first one if not given.
     """
     panels = {
         row["channel"]: panel for row, panel in zip(found.rows(), _panels(found), strict=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks, which pages are made from; a page is text on the terminal, HTML, and pictures.
+"""Blocks, of which pages consist; a page is text on the terminal, HTML, and pictures.
 
 A table has rows as in the result's JSON (SI units), and columns that define how each value is
 shown, so that the numbers of a file and of a page cannot differ. HTML is rendered from blocks by
@@ -27,18 +27,22 @@ Show = Callable[[Any], str]
 
 
 class Column(NamedTuple):
-    """A column of a table.
+    """A column of a table: how the cell of each row is obtained and shown.
 
     Attributes
     ----------
+    header
+        Words above the column.
     cell
-        A key of the rows, or a function of the row.
+        Key of the cell's value in a row, or a function of the row that returns the value; a row without the
+        key has None.
     show
-        Converts the cell to text.
+        Function that converts the value to text; by default `str`, and `-` for None.
     right
-        Whether it is right-aligned, as numbers are.
+        Whether the column is right-aligned, as numbers are.
     bar
-        Returns the length (0 to 1) of a bar in the background of a row's cell; None for no bars.
+        Function of a row that returns the length of a bar in the background of its cell, 0 to 1, or None for
+        no bar; None if the column has no bars.
     """
 
     header: str
@@ -48,7 +52,7 @@ class Column(NamedTuple):
     bar: Callable[[Row], float | None] | None = None
 
     def text(self, row: Row) -> str:
-        """The cell of a row."""
+        """The text of a row's cell."""
         return self.show(row.get(self.cell) if isinstance(self.cell, str) else self.cell(row))
 
     def share(self, row: Row) -> float | None:
@@ -71,16 +75,16 @@ def count(header: str, key: str) -> Column:
 
 
 def of_channel(header: str, key: str, bar: Callable[[Row], float | None] | None = None) -> Column:
-    """A column of values of the row's `channel`, in millimetres or newtons.
+    """A column of values in the unit of each row's channel, such as millimetres for `sinkage`.
 
     Parameters
     ----------
     header
         Words above the column.
     key
-        Key of the row's value, SI.
+        Key of the row's value, SI. The row's key `channel` has the name of its channel.
     bar
-        Gives the length of a row's bar, 0 to 1; no bars if not given.
+        Function of a row that returns the length of its bar, 0 to 1; no bars if not given.
     """
     return Column(
         header, lambda row: shown_value(row["channel"], row.get(key)), right=True, bar=bar
@@ -108,7 +112,7 @@ def p_value(header: str, key: str) -> Column:
     header
         Words above the column.
     key
-        Key of the row's value.
+        Key of the row's value, 0 to 1.
     """
     return Column(header, key, p_text, right=True)
 
@@ -143,7 +147,15 @@ def plain_number(header: str, key: str | Callable[[Row], Any], digits: int = 3) 
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph, a list, or both."""
+    """A paragraph, a list, or both.
+
+    Attributes
+    ----------
+    text
+        The paragraph; empty for none.
+    items
+        Items of the list below it.
+    """
 
     kind: ClassVar = "text"
     text: str = ""
@@ -157,7 +169,17 @@ class Text:
 
 @dataclass(frozen=True)
 class Callout:
-    """A message that must not be missed: a headline and some sentences."""
+    """A message that must not be missed.
+
+    Attributes
+    ----------
+    headline
+        The message in a sentence.
+    items
+        Further sentences below it.
+    tone
+        Whether it is shown as a result or as a warning.
+    """
 
     kind: ClassVar = "callout"
     headline: str
@@ -171,7 +193,17 @@ class Callout:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under columns; empty columns are left out. `strong` tells which rows are bold."""
+    """Rows under columns; columns whose cells are all empty or `-` are left out.
+
+    Attributes
+    ----------
+    columns, rows
+        The columns, and the rows as mappings (SI units).
+    caption
+        Words above the table; empty for none.
+    strong
+        Function of a row that returns whether it is printed bold.
+    """
 
     kind: ClassVar = "table"
     columns: Sequence[Column]
@@ -197,7 +229,17 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """Plots side by side on the page, and a picture file of the name `name`."""
+    """Plots side by side on the page, and one picture file.
+
+    Attributes
+    ----------
+    name
+        Name of the picture file without its suffix.
+    panels
+        The plots.
+    caption
+        Words below them; empty for none.
+    """
 
     kind: ClassVar = "figure"
     name: str
@@ -211,30 +253,40 @@ class Figure:
 
 @dataclass(frozen=True)
 class Details:
-    """Blocks that open on a click, for the few readers who need them."""
+    """Blocks that open on a click, for the few readers who need them.
+
+    Attributes
+    ----------
+    summary
+        Words that are clicked on, without a full stop.
+    blocks
+        The blocks inside.
+    """
 
     kind: ClassVar = "details"
     summary: str
     blocks: Sequence[Block]
 
     def lines(self) -> list[str]:
-        """Lines of the blocks inside it."""
+        """The summary alone: the blocks inside are not shown on the terminal."""
         return [f"{self.summary}."]
 
 
 class Choice(NamedTuple):
-    """A model or an effect that a reader can choose, alone or with others.
+    """A model or an effect that a reader of a page can choose, alone or with others.
 
     Attributes
     ----------
     value
-        Its key.
-    label, group
-        Its words on the page, and the heading that it stands under.
+        Key of the choice, from which those of `Models.views` are composed.
+    label
+        Name of the choice on the page.
+    group
+        Heading under which the choice stands; empty for none.
     chance
-        Its probability, shown beside it, 0 to 1; None: none is shown.
+        Probability of the effect, shown beside it, 0 to 1; None: none is shown.
     chosen
-        Whether it is chosen at first.
+        Whether it is chosen when the page opens.
     """
 
     value: str
@@ -251,13 +303,17 @@ class Models:
     Attributes
     ----------
     choices
-        What can be chosen. If `several`, any of them can be set together; otherwise one is picked.
+        What can be chosen.
+    several
+        Whether any number of choices can be set together; otherwise exactly one is.
     views
-        Blocks of each model, by the values of the choices set, joined by commas.
+        Blocks of each model, by the values of the choices that are set, joined by commas.
     leaves
-        Points and frames of the plots, see `views.leftovers`.
+        Residuals and empty plots, as `views.leftovers.leftovers` returns them.
+    absent
+        Text that is shown for a combination that is not in `views`.
     stills
-        The same plots as pictures, which are not in the page.
+        The same plots as figures for picture files, which are not in the page.
     """
 
     kind: ClassVar = "models"
@@ -278,7 +334,7 @@ Block = Text | Callout | Table | Figure | Details | Models
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and the blocks under it."""
+    """A heading (`title`) and the blocks under it."""
 
     title: str
     blocks: Sequence[Block] = ()
@@ -289,7 +345,7 @@ class Section:
 
 
 def walked(blocks: Iterator[Block] | Sequence[Block]) -> Iterator[Block]:
-    """The blocks, including those inside other blocks."""
+    """Yield the blocks, each followed by the blocks inside it."""
     for block in blocks:
         yield block
         if isinstance(block, Details):

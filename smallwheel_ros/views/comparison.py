@@ -83,7 +83,7 @@ def page(found: Comparison, pictures: bool = True) -> Page:
     found
         The comparison.
     pictures
-        Whether to draw the residuals.
+        Whether the page has the block in which residuals of a chosen model are drawn.
     """
     data = found.measurements
     best = best_sentences(found)
@@ -107,16 +107,16 @@ def page(found: Comparison, pictures: bool = True) -> Page:
 
 
 def draw(axes: Axes, found: Comparison, channel: str | None = None) -> None:
-    """Draw measured over predicted, one series for each model.
+    """Draw measured over predicted values, one series of points for each model.
 
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     found
         The comparison.
     channel
-        The first one if not given.
+        Name of the channel, such as `sinkage`; the first one if not given.
     """
     draw_panel(axes, _measured_panel(found, channel or found.channels[0]))
 
@@ -138,14 +138,14 @@ def _differences(found: Comparison, channel: str) -> list[dict[str, Any]]:
 
 
 def best_sentences(found: Comparison, diagnosed: bool = False) -> list[str]:
-    """Say which model is best, in a sentence for each channel.
+    """Say which model has the smallest error, in one or two sentences for each channel.
 
     Parameters
     ----------
     found
         The comparison.
     diagnosed
-        Whether a diagnosis stands on the same page: else the reader is referred to it.
+        Whether a diagnosis stands on the same page; otherwise the reader is referred to the command.
     """
     sentences = []
     for channel in found.channels:
@@ -175,7 +175,7 @@ def best_sentences(found: Comparison, diagnosed: bool = False) -> list[str]:
 
 
 def _above_floor(found: Comparison, channel: str, score: Score) -> str:
-    """How many times the error of a true model an error is; "" where that is not known."""
+    """A clause on how many times the expected error of a true model an error is; empty if that is unknown."""
     floor = found.noise[channel].value
     if not floor:
         return ""
@@ -184,7 +184,7 @@ def _above_floor(found: Comparison, channel: str, score: Score) -> str:
 
 
 def data_blocks(found: Comparison) -> list[Block]:
-    """What was measured, over which ranges, how well it repeats, and what is odd about it."""
+    """Blocks on the data: ranges of conditions and channels, repeatability, warnings and assumptions."""
     data = found.measurements
     runs = f"{data.runs.size} runs" if data.runs_given else (
         f"no runs named, {data.runs.size} settings")  # fmt: skip
@@ -228,7 +228,7 @@ def _brief(header: str) -> Column:
 
 
 def model_blocks(found: Comparison) -> list[Block]:
-    """Each model, its errors, and the rows that it could not predict."""
+    """Blocks on the models: description, errors on each channel, and rows that could not be predicted."""
     models, place, line = found.models, found.measurements.place, found.measurements.line
     blocks: list[Block] = [
         Text(items=[f"{words(m.contender.name)}: {m.contender.description}." for m in models]),
@@ -291,9 +291,9 @@ def _error_panel(found: Comparison, channel: str) -> Panel:
 
 
 def left_blocks(found: Comparison) -> list[Block]:
-    """Residuals of a model that the reader picks, beside those of the best that predicts every channel.
+    """Residuals of a model that the reader picks, beside those of the best model that predicts every channel.
 
-    A regression has no pull, so it is not used for comparison where pull was measured.
+    A model that does not predict every channel, such as a regression without pull, is not the best one here.
     """
     errors = {str(i): m.held_out or m.in_sample for i, m in enumerate(found.models)}
     if not found.channels:
@@ -330,7 +330,7 @@ def left_blocks(found: Comparison) -> list[Block]:
 
 
 def _part_blocks(found: Comparison, model: ModelResult, rest: bool = True) -> list[Block]:
-    """The parts of the data in which a model is worst, and with `rest` all others behind a click."""
+    """The parts of the data in which a model is worst; with `rest`, all others in a block that opens."""
     blocks: list[Block] = []
     for channel in found.channels:
         rows = sorted(_part_rows(found, model, channel), key=lambda row: -row["rmse"])
@@ -373,14 +373,14 @@ def _where(found: Comparison, part: Part) -> str:
 
 
 def caveats(found: Comparison, diagnosed: bool = False) -> list[str]:
-    """List what a reader of a comparison should keep in mind.
+    """List sentences that a reader of a comparison should keep in mind.
 
     Parameters
     ----------
     found
         The comparison.
     diagnosed
-        Whether a diagnosis stands on the same page: else the reader is referred to it.
+        Whether a diagnosis stands on the same page; otherwise the reader is referred to the command.
     """
     unknown = dict.fromkeys(floor.reason for floor in found.noise.values() if floor.value is None)
     folds = f"Held-out errors are those of a {found.folds}-fold cross-validation by runs."
@@ -394,19 +394,19 @@ def caveats(found: Comparison, diagnosed: bool = False) -> list[str]:
 
 
 def with_floors(found: Comparison, diagnosed: Mapping[str, Any]) -> Comparison:
-    """Take the noise floors of a comparison from a diagnosis of the same data.
+    """Replace the errors expected of a true model by those of a diagnosis of the same data.
 
     Parameters
     ----------
     found
         The comparison.
     diagnosed
-        Document of the diagnosis.
+        Document of the diagnosis, as its `to_dict` returns it.
 
     Returns
     -------
     Comparison
-        The comparison, with the errors that the diagnosis expects of a true model.
+        A copy with the other `noise`; where the diagnosis knows no such error, its value is None.
     """
     from dataclasses import replace
 

@@ -87,9 +87,9 @@ def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) 
     found
         The diagnosis.
     pictures
-        Whether to draw.
+        Whether to make the block of `models`, which takes some fits, if it is not given.
     models
-        The block in which effects are set and unset; the steps to the verdict if not given.
+        Block in which effects can be set and unset; if not given, one with the steps to the verdict.
     """
     document, data = found.document, found.measurements
     models = models_block(found) if pictures and models is None else models
@@ -112,16 +112,16 @@ def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) 
 
 
 def draw(axes: Axes, found: Diagnosis, channel: str | None = None) -> None:
-    """Draw the held-out error of a channel after each step.
+    """Draw the held-out error of a channel after each effect that was added, as bars.
 
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     found
         The diagnosis.
     channel
-        The first one if not given.
+        Name of the channel, such as `sinkage`; the first one if not given.
     """
     panels = {panel.title: panel for panel in stairs(found.document)}
     draw_panel(axes, panels[words(channel)] if channel else next(iter(panels.values())))
@@ -192,7 +192,7 @@ def channel_blocks(document: Document) -> list[Block]:
 
 
 def region_blocks(document: Document) -> list[Block]:
-    """Where the base model fails, in words and numbers."""
+    """A table of the regions of the settings where the base model fails."""
     columns = [
         Column("where", "region", region_words), Column("channel", "channel", words),
         count("rows", "rows"), of_channel("bias", "bias"), of_channel("RMSE", "rmse"),
@@ -226,7 +226,7 @@ def left_figure(found: Diagnosis) -> list[Block]:
 
 
 def ranking_blocks(document: Document) -> list[Block]:
-    """Every effect that was tested, with its fitted parameters, and the curves without a name."""
+    """Blocks on every effect tested, with its fitted parameters, and on curves without a known effect."""
     tested = [row for row in document["ranking"] if row["status"] != "not_testable"]
     likely = [
         r for r in tested if r["status"] != "not_significant" or (r["probability"] or 0.0) >= _SHOWN
@@ -263,7 +263,7 @@ def _ranking(rows: Sequence[Row], named: Sequence[str]) -> Table:
 
 
 def _doubts(reason: str) -> str:
-    """What a reason says other than probability and verdict, which have columns."""
+    """The parts of a reason other than probability and verdict, which have their own columns."""
     parts = [
         part.partition(": ")[2] if part.startswith("probability") else part
         for part in (reason or "").split("; ")
@@ -273,7 +273,7 @@ def _doubts(reason: str) -> str:
 
 
 def _numbers(ranking: Sequence[Row]) -> list[Row]:
-    """The fitted numbers of effects; a curve without a name has its picture."""
+    """Rows of the fitted numbers of effects; curves that stand for no known effect have a figure instead."""
     return [
         {"owner": row["effect"], "form": row["form"], "name": name} | p
         for row in ranking
@@ -307,7 +307,7 @@ def _steps_by_channel(document: Document) -> dict[str, dict[str, float | None]]:
 
 
 def step_blocks(document: Document) -> list[Block]:
-    """The steps of held-out errors, and what the best explanation leaves unexplained."""
+    """Blocks on the held-out error after each added effect, and on residuals of the best explanation."""
     channels, steps = _steps_by_channel(document), document["steps"]
     # With too little data nothing was held out: there is one error, in sample, and no stairs.
     if document["verdict"] == "insufficient_data" or not channels:
@@ -339,7 +339,7 @@ def _of(channel: str) -> Column:
 
 
 def _what_is_left(document: Document) -> list[Block]:
-    """What the best explanation leaves over each setting and in each group of rows."""
+    """Mean residuals of the best explanation over each setting and in each group of rows."""
     if document["verdict"] not in ("unknown_effect", "adequate"):
         return []
     rows = [
@@ -370,7 +370,7 @@ def _off(part: Row) -> str:
 
 
 def _curve(curve: Row) -> Panel:
-    """The factor of something without a name over the setting that it follows."""
+    """A plot of a fitted curve that stands for no known effect, over the setting that it depends on."""
     across = display(curve["setting"], unit_of(curve["setting"]))
     x = [across.scale * value for value in curve["x"]]
     none = Layer("line", (x[0], x[-1]), (1.0, 1.0), colour="base")
@@ -379,7 +379,7 @@ def _curve(curve: Row) -> Panel:
 
 
 def unknowable_blocks(document: Document) -> list[Block]:
-    """What could not be tested, observed or distinguished."""
+    """Blocks on effects that could not be tested, and on pairs that the data cannot tell apart."""
     blind = [row for row in document["ranking"] if row["status"] == "not_testable"]
     columns = [Column("effect", "effect", words), Column("why not", "reason")]
     blocks: list[Block] = [Table(columns, blind, "Not testable with this data")] if blind else []
@@ -398,7 +398,7 @@ def unknowable_blocks(document: Document) -> list[Block]:
 
 
 def next_blocks(document: Document) -> list[Block]:
-    """The measurements that would decide."""
+    """Blocks on the measurements that would decide between effects, and on how to confirm a suspected one."""
     columns = [
         Column("settings", "settings", _settings),
         Column("to tell", "separates", lambda names: to_tell(names or ())),
@@ -420,7 +420,7 @@ def _settings(settings: Row | None) -> str:
 
 
 def caveats(document: Document) -> list[str]:
-    """What a reader of a diagnosis should keep in mind."""
+    """List sentences that a reader of a diagnosis should keep in mind."""
     notes = [str(note) for note in document["notes"]]
     held_out = "Errors of the diagnosis are held out: each run was predicted by a fit without it."
     return [

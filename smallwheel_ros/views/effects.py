@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects to set and unset on the page of a diagnosis: every choice was fitted beforehand.
 
-The page has the base model, the steps to the verdict, and each rival, or what comes closest, beside
-what is named. With `every`, it also has each effect alone and each effect beside the named ones:
-all that one click from the base or from the verdict leads to.
+The page has the base model, the steps to the verdict, and the named effects together with each rival, or with
+those that come closest. With `every`, it also has each effect alone and each together with the named ones:
+every model that one click from the base or from the verdict leads to.
 """
 
 from __future__ import annotations
@@ -43,7 +43,17 @@ _GROUPS = {"soil": "Effects", "instrument": "Errors of the instrument"}
 
 @dataclass(frozen=True)
 class View:
-    """A model with some effects, fitted to all runs, and its held-out errors."""
+    """A model with some effects, fitted to all runs, and its held-out errors.
+
+    Attributes
+    ----------
+    names
+        Ids of its effects, in the order in which they were added; empty for the base model.
+    fit
+        The fit to all runs.
+    errors
+        Held-out errors of the rows.
+    """
 
     names: Names
     fit: FitResult
@@ -53,14 +63,14 @@ class View:
 def models_block(
     found: Diagnosis, every: bool = False, progress: Told = lambda done, needed: None
 ) -> Models | None:
-    """Make the block in which a reader sets and unsets effects.
+    """Make the block in which a reader of the page sets and unsets effects, and fit the models for it.
 
     Parameters
     ----------
     found
         The diagnosis.
     every
-        Whether to fit all effects, not only the steps to the verdict and its rivals.
+        Whether to fit each effect alone and together with the named ones, not only the verdict's rivals.
     progress
         Called with the number of fits done and their total.
 
@@ -102,7 +112,7 @@ def models_block(
 def _views(
     found: Diagnosis, forms: Mapping[str, list[Competitor]], every: bool, progress: Told
 ) -> list[View]:
-    """The base, the steps to the verdict, its rivals and, with `every`, all that is one effect away."""
+    """The base, the steps to the verdict, its rivals and, with `every`, all models one effect away."""
     steps: dict[Names, int] = {}
     names: Names = ()
     for i, step in enumerate(found.steps):
@@ -128,7 +138,7 @@ def _views(
 def _fitted(
     found: Diagnosis, names: Names, forms: Mapping[str, list[Competitor]], grown: dict[Names, Grown]
 ) -> View:
-    """The base with these effects, one after the other. grown: those that are there already."""
+    """Fit the base with these effects, added one after the other. grown: models so far, which it extends."""
     problem = found.problem
     for end in range(1, len(names) + 1):
         if names[:end] not in grown:
@@ -145,7 +155,7 @@ def _key(names: Names, place: Mapping[str, int]) -> str:
 def _said(
     view: View, base: View, found: Diagnosis, floors: Mapping[str, float | None]
 ) -> list[Block]:
-    """The panel of a model: what it gains, its errors beside the base's, its numbers."""
+    """Blocks on a model: how its errors differ from those of the base, and its parameters."""
     before, after = base.errors.scores(), view.errors.scores()
     change, name = compare_cv(base.errors, view.errors), f"with {listed(view.names)}"
     falls = ", ".join(
@@ -186,7 +196,7 @@ def _said(
 
 
 def _doubts(view: View, found: Diagnosis, worse: tuple[str, ...]) -> list[str]:
-    """Why these effects are not what the diagnosis names; empty where they are."""
+    """Sentences on why the effects of a model are not those that the diagnosis names; empty if they are."""
     document = found.document
     rows = {row["effect"]: row for row in document["ranking"]}
     named = document["missing_effects"]

@@ -28,7 +28,7 @@ from smallwheel_ros.views.plots import draw as draw_panel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_TOGETHER = 0.5  # correlation under which a combination is hardly better known than its parts
+_TOGETHER = 0.5  # correlation; below, a combination of two numbers is hardly better known than each
 
 
 def page(found: FitResult, pictures: bool = True) -> Page:
@@ -39,7 +39,7 @@ def page(found: FitResult, pictures: bool = True) -> Page:
     found
         The fit.
     pictures
-        Whether to draw measured over predicted.
+        Whether the page has a figure of measured over predicted values.
     """
     errors = [
         {"channel": name, "held_out": found.held_out.get(name), "in_sample": score.rmse,
@@ -102,16 +102,16 @@ def _parameter_words(full_name: str) -> str:
 
 
 def draw(axes: Axes, found: FitResult, channel: str | None = None) -> None:
-    """Draw measured over predicted, in sample.
+    """Draw measured over predicted values of the rows that the model was fitted to.
 
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     found
         The fit.
     channel
-        The first one if not given.
+        Name of the channel, such as `sinkage`; the first one if not given.
     """
     names = list(found.residuals)
     draw_panel(axes, _panels(found)[names.index(channel) if channel else 0])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table of laws on measured data: for the terminal after each table, and as a page, JSON and rows."""
+"""Errors of laws on measured tables: as text after each table, and of all tables as page, JSON and rows."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _READ = (
 
 
 def page(found: Benchmark, pictures: bool = True) -> Page:
-    """Make the page of the whole comparison, the losses first.
+    """Make the page of a comparison of laws on all tables, beginning with where ours is worse than others.
 
     Parameters
     ----------
     found
-        Errors of all laws in all tasks.
+        Errors of all laws on all tables.
     pictures
         Not used: the page has tables only.
     """
@@ -68,7 +68,7 @@ def text(found: Benchmark) -> str:
 
 
 def table_text(table: LawTable) -> str:
-    """One table of errors, as printed as soon as it is done."""
+    """The errors of all laws on one measured table, as the command prints them when that table is done."""
     blocks = [b for channel in table.judged for b in _of_channel(table, channel)]
     lines = [line for b in blocks if not isinstance(b, Details) for line in b.lines()]
     return "\n".join([f"{table.file} ({table.licence})", *lines, _effects(table)])
@@ -171,7 +171,7 @@ def _left_out(table: LawTable) -> str:
 
 
 def _said(table: LawTable, channel: str) -> list[str]:
-    """Sentences below a table: the least error, parts that ours loses, what was refused and at a bound."""
+    """Sentences below a table: least error, parts where ours loses, refused points, parameters at a bound."""
     laws, lost = table.of(channel), _lost(table, channel)
     judged = [law for law in laws if law.rmse == law.rmse]
     said = [f"Least error: {min(judged, key=lambda law: law.rmse).law}."] if judged else []
@@ -195,7 +195,7 @@ def _said(table: LawTable, channel: str) -> list[str]:
 
 
 def _lost(table: LawTable, channel: str) -> dict[str, str]:
-    """By part, the law of others that has the least error there."""
+    """By part, the other law that has the least error there; parts where ours has the least are left out."""
     found = {}
     for part in table.task.names:
         known = {law.law: e for law in table.of(channel) if (e := law.by_part[part]) is not None}
@@ -210,7 +210,7 @@ def _effects(table: LawTable) -> str:
 
 
 def _summary(found: Benchmark) -> Table:
-    """By law and channel, how often ours wins, cannot be told, and loses."""
+    """A table of how often ours wins, cannot be told apart, and loses, by law and channel."""
     laws = [law for table in found.tasks for law in table.others]
     judged = Counter((law.law, law.channel, law.verdict) for law in laws)
 

@@ -53,9 +53,9 @@ def page(found: Learnt, pictures: bool = True) -> Page:
     Parameters
     ----------
     found
-        The learnt laws.
+        Result of learning.
     pictures
-        Whether to draw the law.
+        Whether the page has a figure of the law.
     """
     document, data = found.document, found.document["data"]
     law, verdict = document["law"], document["verdict"]
@@ -91,14 +91,14 @@ def page(found: Learnt, pictures: bool = True) -> Page:
 
 
 def draw(axes: Axes, found: Learnt) -> None:
-    """Draw the correction that each setting needs, and the law.
+    """Draw the correction of the model that each setting requires, and the law learnt from it.
 
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     found
-        The learnt laws.
+        Result of learning.
     """
     draw_panel(axes, _panel(found))
 
@@ -168,7 +168,7 @@ def _search(document: Document) -> list[str]:
 
 
 def _panel(found: Learnt) -> Panel:
-    """What is asked for with deviations, the law with its band, tied laws."""
+    """Corrections required, with standard deviations, the law with its band, and laws that fit as well."""
     document, tied = found.document, found.tied_curves or ()
     shape, law = document["shape"], document["law"]
     place = law or document["places"][0]

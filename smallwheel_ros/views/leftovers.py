@@ -23,11 +23,19 @@ Index = NDArray[np.intp]
 _PARTS = 8  # of a setting, for the means
 _POINTS = 600  # of a plot: beyond, the eye sees no more
 _BYTES = 120_000  # of residuals in a page
-_PREDICTED = ""  # in place of a setting: the prediction
+_PREDICTED = ""  # in place of a setting's name, for the plot of measured over predicted values
 
 
 class Means(NamedTuple):
-    """Means over parts of a setting, and twice their standard errors over runs (NaN for fewer than three)."""
+    """Means over parts of the range of a setting, each of shape (parts,).
+
+    Attributes
+    ----------
+    x, y
+        Mean of the setting, and of the averaged quantity.
+    half
+        Twice the standard error of y over runs; NaN for fewer than three runs.
+    """
 
     x: Array
     y: Array
@@ -35,7 +43,17 @@ class Means(NamedTuple):
 
 
 class Left(NamedTuple):
-    """Residuals of one model, with its name and colour in the plot's key."""
+    """Residuals of one model, as they are drawn.
+
+    Attributes
+    ----------
+    errors
+        Measured minus predicted.
+    name
+        Name of the model in the plot's key; empty for none.
+    colour
+        Key of `PALETTE`.
+    """
 
     errors: CvErrors
     name: str
@@ -43,19 +61,19 @@ class Left(NamedTuple):
 
 
 def means(x: Array, y: Array, run: Index) -> Means:
-    """Average y over eight parts of x with equally many rows, or at each value of x if there are few.
+    """Average y over eight parts of x with equally many rows, or at each value of x if there are few values.
 
     Parameters
     ----------
     x, y
-        Shape (rows,), in the units shown.
+        Setting and quantity, shape (rows,), in any unit.
     run
         Number of each row's run, shape (rows,).
 
     Returns
     -------
     Means
-        x and mean y of each part, and twice the standard error over runs; NaN under three runs.
+        In the units of x and y; empty without rows.
     """
     if not x.size:
         return Means(*np.zeros((3, 0)))
@@ -86,14 +104,14 @@ def thinned(rows: Index, most: int = _POINTS) -> Index:
     Parameters
     ----------
     rows
-        Indices of rows, shape (n,).
+        Indices of rows, ascending, shape (n,).
     most
         Largest number of rows.
 
     Returns
     -------
     ndarray
-        Rising, shape (min(n, most),).
+        The chosen indices, ascending, shape (min(n, most),); always the same for the same rows.
     """
     if rows.size <= most:
         return rows
@@ -116,11 +134,11 @@ def residual_panel(
     models
         Residuals of each model, with its name and colour.
     channel
-        Name of the channel.
+        Name of the channel, such as `sinkage`.
     setting
-        Name of the setting on the x-axis.
+        Name of the setting on the x-axis, such as `load`.
     floor
-        Error of a true model, SI; no band if None.
+        Error expected of a true model, SI, for a band of twice that; None: no band.
     """
     how, across = shown_channel(channel), column_display(data, setting)
     layers, column, ends = [_band(how, floor)], data.conditions[setting], [0.0]
@@ -147,18 +165,18 @@ def residual_panel(
 
 
 def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Panel:
-    """Make a plot of measured over predicted values, a series for each model, with the line of a perfect one.
+    """Make a plot of measured over predicted values, a series for each model, with the line of equality.
 
-    Points beyond the axes are not drawn, and counted in the title.
+    Points beyond the axes are not drawn, but counted in the title.
 
     Parameters
     ----------
     measured
-        SI, shape (rows,).
+        Measured values of the channel, SI, shape (rows,).
     models
         Residuals of each model, with its name and colour.
     channel
-        Name of the channel.
+        Name of the channel, such as `sinkage`.
     """
     how = shown_channel(channel)
     layers, ends = (
@@ -184,7 +202,7 @@ def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Pan
 
 
 def settings_of(data: Measurements) -> list[str]:
-    """The settings that were varied, or the load if none was."""
+    """Names of the settings that were varied, or of the load if none was."""
     return list(varied_settings(data)) or ["load"]
 
 
@@ -196,27 +214,28 @@ def leftovers(
     floors: Mapping[str, float | None],
     first: str | None = None,
 ) -> dict[str, Any]:
-    """Make the content of the block Models: residuals of each model, and the frames of their plots.
+    """Make the data of a `Models` block: residuals of each model, and plots without points.
 
     Parameters
     ----------
     data
         The measurements.
     models
-        Held-out errors by the key of the values chosen.
+        Errors of each model, by its key in `Models.views`.
     base
-        Key of the model that is drawn in grey.
+        Key of the model that is drawn in grey beside the chosen one.
     base_name
-        Name of the model that is drawn in grey.
+        Name of that model.
     floors
-        Error of a true model by channel, SI; None if unknown.
+        Error expected of a true model by channel, SI; None if unknown.
     first
-        Setting that is shown first.
+        Setting that is shown first; the first of `settings_of` if not given.
 
     Returns
     -------
     dict
-        Frames, settings, channels and residuals, as the page's script reads them.
+        Plots without points (`frames`), settings, channels, residuals (`left`) and their means, in the units
+        shown, as the page's script reads them. Rows are sampled to limit the size of the page.
     """
     settings, error = settings_of(data), models[base].error
     most = max(100, min(_POINTS, _BYTES // (6 * len(models) * max(len(error), 1))))
@@ -266,7 +285,7 @@ def leftovers(
 def _frame_panel(
     data: Measurements, models: Mapping[str, CvErrors], channel: str, name: str, floor: float | None
 ) -> Panel:
-    """Axes and band; the points are set in by the page's script, whatever is chosen."""
+    """A plot with axes and band only: the page's script adds the points of the chosen model."""
     how = shown_channel(channel)
     left = [how.scale * e.error[channel] for e in models.values() if channel in e.error]
     measured = how.scale * data.channels[channel]
@@ -297,7 +316,7 @@ def _range(values: Array, room: float = 0.05) -> tuple[float, float]:
 
 
 def _means_of(data: Measurements, errors: CvErrors, channel: str, name: str) -> Means:
-    """Means of what is left of a channel over a setting, as shown."""
+    """Means of a channel's residuals over a setting, in the units shown."""
     how, column = shown_channel(channel), data.conditions[name]
     at = np.flatnonzero(np.isfinite(errors.error[channel]) & np.isfinite(column))
     x = column_display(data, name).scale * column[at]
@@ -305,10 +324,10 @@ def _means_of(data: Measurements, errors: CvErrors, channel: str, name: str) -> 
 
 
 def _step(low: float, high: float) -> float:
-    """A power of ten, at most a hundredth of an axis: a plot shows no more."""
+    """The step to which residuals are rounded: a power of ten, at most a hundredth of an axis."""
     return float(10.0 ** np.floor(np.log10(1e-2 * (high - low))))
 
 
 def _in_steps(values: Array, step: float) -> list[int | None]:
-    """Values as whole numbers of steps, of which a page has many; None where there is none."""
+    """Values as whole numbers of steps, which are short in a page; None where a value is not finite."""
     return [round(value / step) if np.isfinite(value) else None for value in values]

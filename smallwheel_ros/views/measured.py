@@ -45,13 +45,13 @@ def draw(
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     data
         The measurements.
     channel
-        The first one if not given.
+        Name of the channel, such as `sinkage`; the first one if not given.
     over
-        The load if not given.
+        Name of the setting on the x-axis: `load`, or one that was varied; the load if not given.
 
     Raises
     ------

@@ -38,7 +38,15 @@ _STYLE = re.compile(r'style="([^"]*)"')
 
 @dataclass(frozen=True)
 class Page:
-    """Sections under a title, without empty ones. The first section is the answer."""
+    """Sections under a title; those without content are left out when it is shown.
+
+    Attributes
+    ----------
+    title, subtitle, footer
+        Lines of text; subtitle and footer may be empty.
+    sections
+        The sections; the first one is the answer.
+    """
 
     title: str
     sections: Sequence[Section]
@@ -53,16 +61,16 @@ class Page:
         return "\n\n".join("\n".join(lines) for lines in parts)
 
     def figures(self) -> list[Figure]:
-        """Pictures of the page, including those inside collapsed blocks."""
+        """All figures of the page, including those inside other blocks."""
         return [block for block in walked(b for s in self.sections for b in s.blocks)
                 if isinstance(block, Figure)]  # fmt: skip
 
     def write(self, path: Path) -> None:
-        """Write it as HTML, whole or not at all. Raises OutputError."""
+        """Write the page as an HTML file, whole or not at all. Raises OutputError."""
         write_bytes(path, html_of(self).encode("utf-8", "replace"))
 
     def write_pictures(self, folder: Path) -> list[Path]:
-        """Write each of its figures as PNG under its name. Raises OutputError."""
+        """Write each figure as NAME.png into a folder; return their paths. Raises OutputError."""
         folder.mkdir(parents=True, exist_ok=True)
         return [write_picture(f.panels, folder / f"{f.name}.png") for f in self.figures()]
 
@@ -81,7 +89,7 @@ def html_of(page: Page) -> str:
 
 
 def _with_classes(html: str) -> str:
-    """The same with less: styles of the plots stand once, and ids are short, none of them given twice."""
+    """Shorten the HTML: each style of the plots becomes a class, and ids become short and unique."""
     styles: dict[str, str] = {}
     ids: dict[tuple[int, str], str] = {}
 
@@ -146,7 +154,7 @@ def _template() -> Template:
 
 
 def _policy(script: str) -> str:
-    """Nothing may be fetched and nothing run but this very script, whatever the data is called."""
+    """Content security policy: nothing may be fetched, and nothing run but this script."""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     return (f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; "
             "img-src data:; base-uri 'none'; form-action 'none'")  # fmt: skip

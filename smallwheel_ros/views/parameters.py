@@ -22,12 +22,13 @@ def parameter_rows(fit: FitResult, derived: bool = False) -> list[Row]:
     fit
         The fit.
     derived
-        Whether to include derived numbers.
+        Whether to include `fit.derived`, the numbers that follow from the fitted ones.
 
     Returns
     -------
     list of dict
-        SI units and radians.
+        One for each number: owner (an effect's id or a soil), form, name, and the keys of its `to_dict`; SI
+        units and radians.
     """
     forms = {effect.id: effect.form for effect in fit.bare.effects}
     listed_numbers = (*fit.parameters, *(fit.derived if derived else ()))
@@ -79,7 +80,7 @@ def parameter_table(rows: Sequence[Row], caption: str = "Fitted parameters",
 
 
 def _fitted(value: float | None, digits: int) -> str:
-    """A large number with its power of ten."""
+    """The text of a number, a large one with its power of ten."""
     return (
         f"{value:.{digits}g}"
         if value is not None and abs(value) >= _LARGE

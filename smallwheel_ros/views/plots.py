@@ -42,13 +42,23 @@ class Layer:
 
     Attributes
     ----------
-    name
-        Name in the key.
-    low, high
-        Band of a line; whiskers of other elements.
     kind
-        How it is drawn: `band` around 0 or around the diagonal, from low to high; `means` as squares; `way`
-        coloured by value.
+        `points`; `means`, as squares; `line`; `band`, an area from `low` to `high` (numbers) around 0 or the
+        diagonal; `way`, a line coloured by `value`.
+    x, y
+        Data in the units of the axes, shape (points,).
+    low, high
+        Ends of the band of a line or of the whiskers of points, in the unit of y, shape (points,), or None.
+    colour
+        Key of `PALETTE`.
+    name
+        Name in the plot's key; empty: it is not in the key.
+    dash, width
+        Style of a line as matplotlib has it, and its width in points.
+    diagonal
+        Whether a band is around the diagonal.
+    value
+        Values by which a `way` is coloured, shape (points,); the last one is not used.
     """
 
     kind: Literal["points", "means", "line", "band", "way"]
@@ -65,7 +75,17 @@ class Layer:
 
 
 class Span(NamedTuple):
-    """A named range of the x-axis, in its unit, with one shade for each kind."""
+    """A named range of the x-axis, shaded in the background.
+
+    Attributes
+    ----------
+    start, end
+        Ends, in the unit of the x-axis.
+    name
+        Words at its start.
+    shade
+        Number of the shade; there are three.
+    """
 
     start: float
     end: float
@@ -74,7 +94,7 @@ class Span(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """An event at a place on the x-axis."""
+    """A vertical line at `x`, in the unit of the x-axis; `colour` is a key of `PALETTE`."""
 
     x: float
     colour: str
@@ -82,7 +102,19 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar: name, value, its standard error, and a second value drawn pale; None for what is unknown."""
+    """A horizontal bar.
+
+    Attributes
+    ----------
+    name
+        Name beside the bar.
+    value, std
+        Length of the bar in the unit of the x-axis, and its standard error; None if unknown.
+    colour
+        Key of `PALETTE`.
+    pale
+        Length of a second, pale bar; None for none.
+    """
 
     name: str
     value: float | None
@@ -93,20 +125,28 @@ class Bar:
 
 @dataclass(frozen=True)
 class Panel:
-    """A plot: labels of its axes, title, layers or bars.
+    """A plot, either of layers or of bars.
 
     Attributes
     ----------
-    level
-        Value of a dashed line across the bars; `level_name` is written beside it.
+    x, y, title
+        Labels of the axes, and the title.
+    layers, bars
+        Elements of the plot, the first at the back; bars from top to bottom.
+    level, level_name
+        Value of a dashed line across the bars, None for none, and the words beside it.
+    x_range, y_range
+        Ends of the axes; None: those of the data.
+    key
+        Whether names of layers are shown in a key.
     log
         Whether the y-axis is logarithmic.
     equal
-        Whether both axes have one scale.
+        Whether both axes have the same scale.
     spans, marks
-        Shades in the background; vertical lines.
+        Shaded ranges in the background, and vertical lines.
     height
-        Height of the plot, inch.
+        Height of a plot of layers, inch.
     wide
         Whether it takes the width of two plots.
     """
@@ -142,7 +182,7 @@ def draw(axes: Axes, panel: Panel) -> None:
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes of matplotlib to draw on.
     panel
         The plot.
     """
@@ -180,14 +220,14 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def decorate(axes: Axes, panel: Panel) -> None:
-    """Apply the style of all plots: no box, light grid, small type.
+    """Apply the style of all plots to axes: no box, a light grid, small type; set labels and title.
 
     Parameters
     ----------
     axes
-        The axes to style.
+        Axes of matplotlib to style.
     panel
-        The plot, for its labels and title.
+        Plot whose labels and title are set; with bars, only the x-axis has a grid.
     """
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(PALETTE["base"])
@@ -265,7 +305,7 @@ def _draw_bars(axes: Axes, panel: Panel) -> None:
 
 
 def _safe(text: str) -> str:
-    """Column names come from a file: a dollar sign in one is not mathematics."""
+    """Escape dollar signs: in a column's name from a file they do not begin mathematics."""
     return text.replace("$", r"\$")
 
 
@@ -291,14 +331,14 @@ def height_of(panel: Panel) -> float:
 
 
 def write_picture(panels: Sequence[Panel], path: Path) -> Path:
-    """Write panels as a picture.
+    """Write panels as one picture.
 
     Parameters
     ----------
     panels
-        Plots side by side.
+        Plots, drawn in rows of three.
     path
-        Where to; the suffix is the format, such as .png or .svg.
+        The file; its suffix selects the format, such as .png or .svg; without a suffix it is PNG.
 
     Returns
     -------

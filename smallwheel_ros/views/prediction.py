@@ -56,22 +56,22 @@ def text(table: PredictionTable) -> str:
 
 
 def panels(table: PredictionTable) -> list[Panel]:
-    """Sinkage, resistance and, if there is slip, pull."""
+    """Plots of sinkage, resistance and, if there is slip, drawbar pull."""
     known = [q for q in _PANELS if getattr(table.result.prediction, q) is not None]
     return [_panel(table, quantity) for quantity in known]
 
 
 def draw(axes: Axes, table: PredictionTable, quantity: str = "sinkage") -> None:
-    """Draw one predicted quantity.
+    """Draw one predicted quantity over the setting with most values, a curve for each value of the others.
 
     Parameters
     ----------
     axes
-        Where to draw.
+        Axes to draw on.
     table
         The predictions.
     quantity
-        Name of the quantity.
+        Name of the quantity, such as `sinkage` or `drawbar_pull`.
 
     Raises
     ------

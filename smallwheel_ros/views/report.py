@@ -23,9 +23,9 @@ def page(found: Diagnosis, beside: Comparison, models: Models | None = None) -> 
     found
         The diagnosis.
     beside
-        The comparison.
+        The comparison; its expected errors of a true model are replaced by those of the diagnosis.
     models
-        The block in which effects are set and unset; that of the steps to the verdict if not given.
+        Block in which effects can be set and unset; if not given, one with the steps to the verdict.
     """
     beside = compared.with_floors(beside, found.document)
     made = diagnosed.page(found, models=models)

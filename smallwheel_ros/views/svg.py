@@ -21,13 +21,13 @@ _MARGINS = 0.62, 0.46, 0.08  # inch: left, below, right and above the axes of a 
 
 _COLOURS = {shade: f"var(--{name})" for name, shade in PALETTE.items()}
 _SHADE = re.compile("|".join(_COLOURS))
-# What an element of a page has no use for: the head of a file, metadata, comments, and a type of its own.
+# What an element of a page does not need: the head of a file, metadata, comments, and its own font.
 _OF_A_FILE = re.compile(
     r"^.*?(?=<svg )|<metadata>.*?</metadata>|<!--.*?-->|font-family: [^;\"]*; |(?<=>)\s+(?=<)",
     re.DOTALL,
 )
 _ROOT = re.compile(r"<svg [^>]*?(viewBox=\"[^\"]*\")[^>]*>")
-# Places within elements, which matplotlib writes to a millionth of a point; labels stand between them.
+# Coordinates, which matplotlib writes to a millionth of a point: they are inside tags, labels between them.
 _ELEMENT, _FINER = re.compile(r"<[^>]*>"), re.compile(r"(?<=\d\.\d\d)\d+")
 
 
@@ -37,15 +37,16 @@ def svg(panel: Panel) -> str:
 
 
 def frame(panel: Panel) -> tuple[str, list[float]]:
-    """An empty SVG element for points, and the conversion of values to its units: (ax, bx, ay, by).
+    """Draw a plot without its title as an SVG element; return it with the scale of its axes.
 
-    x of the element is ax + bx * value.
+    The scale is (ax, bx, ay, by): a point (x, y) in the units of the axes is at ax + bx x, ay + by y in the
+    element, so that points can be added later.
     """
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     width, height = WIDTH * (2 if panel.wide else 1), height_of(panel)
-    # More than numbers beside the axes: a layout finds room for it.
+    # Where there is more than numbers beside the axes, a layout makes room for it.
     more = panel.bars or panel.equal or any(layer.kind == "way" for layer in panel.layers)
     axes = _axes(width, height, "constrained") if more else _emptied(_plain_axes(width, height))
     draw(axes, replace(panel, title=""))
@@ -82,7 +83,7 @@ def _plain_axes(width: float, height: float) -> Axes:
 
 
 def _emptied(axes: Axes) -> Axes:
-    """The axes without what was drawn on them; ticks and grid stay, and are moved."""
+    """Remove all drawn elements from the axes; ticks and grid stay, and move with the next plot."""
     for artist in (*axes.lines, *axes.collections, *axes.patches, *axes.texts):
         artist.remove()
     if (key := axes.get_legend()) is not None:
