@@ -59,7 +59,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "params_file",
                 default_value=PathJoinSubstitution([share, "config", "four_wheels.yaml"]),
-                description="Parameters of the node: wheels, soil, noise (config/template.yaml).",
+                description="Parameters of the node: wheels, soil, noise (smallwheel init --template).",
             ),
             DeclareLaunchArgument(
                 "filter_info_file",

@@ -279,7 +279,7 @@ BAD: dict[str, tuple[bytes, list[str]]] = {
     "millimetres without a unit": (text(BARE).encode(), ["diameter is 275", "for mm the header is 'diameter [mm]'", "width is 100"]),
     "marks of thousands or decimals": (text(ENGLISH, ";", ",", [("a", "1.234", 275.0, 100.0, 10.0, 8.5)] * 2).encode(), ["'1.234' found", "two ways"]),
     "both marks in a column": (text(ENGLISH, ";", ",", [*TRUTH, ("c", "60.5", 275.0, 100.0, 10.0, "8.5")]).encode(), ["decimal points and decimal commas"]),
-    "two loads": (text(["run", "Radlast [N]", "Last [N]", "D [mm]", "b [mm]", "z [mm]"]).encode(), ["two columns are named 'load'", "--map load='Radlast [N]'"]),
+    "two loads": (text(["run", "Radlast [N]", "Last [N]", "D [mm]", "b [mm]", "z [mm]"]).encode(), ["two columns are named 'load'", "--map 'load=Radlast [N]'"]),
     "values without a header": (text([*ENGLISH[:5], ""]).encode(), ["column 6 has no name", "nothing was measured"]),
     "grad": (text([*ENGLISH, "Neigung [grad]"], rows=[(*r, 5.0) for r in TRUTH]).encode(), ["write deg or gon"]),
     "decimal commas between commas": (text(ENGLISH, ",", ",").encode(), ["cells, expected 6 as in the header", "decimal comma"]),

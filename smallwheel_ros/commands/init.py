@@ -11,6 +11,7 @@ from smallwheel_ros.common.console import tell
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.init.from_bag import init as rover_from
 from smallwheel_ros.init.rover import FILL_IN, InitError, Rover
+from smallwheel_ros.onboard.template import template
 
 
 def _check_free(asked: Options) -> None:
@@ -30,10 +31,24 @@ def _written(rover: Rover, asked: Options) -> None:
         click.echo(f"then: smallwheel replay {rover.origin} --config {file} -o out")
 
 
+def _print_template(context: click.Context, _option: click.Parameter, asked: bool) -> None:
+    if asked:
+        click.echo(template(), nl=False)
+        context.exit()
+
+
 init = command(
     rover_from,
     output("Parameter file to write.", required=True),
     click.option("--force", is_flag=True, help="Replace an existing file."),
+    click.option(
+        "--template",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_print_template,
+        help="Print a file with every parameter, its meaning and default, and exit.",
+    ),
     JSON,
     words="An existing file is kept without --force.",
     begin=_check_free,

@@ -36,6 +36,10 @@ VALID = {
     "margin_valid": ("mobility_margin", "steepest_slope"),
     "energy_valid": ("energy_per_metre",),
 }
+# A wheel that digs in has the words of the vehicle's level.
+_GETS_STUCK = (
+    f"{WarningLevel.GETS_STUCK.short}: {WarningLevel.GETS_STUCK.meaning.removeprefix('stop: ')}"
+)
 # Columns of `Estimates` that have another name in the message.
 _COLUMNS = {
     "sinkage_predicted": "sinkage",
@@ -119,7 +123,7 @@ def _in_words(
     settings = pipeline.settings
     words = []
     if Condition.DIGS in conditions:
-        words.append("digs itself in: it slips, and more is asked for than the ground gives")
+        words.append(_GETS_STUCK)
     if Condition.SUNK_TO_AXLE in conditions:
         words.append("the soil does not carry this load: sunk to axle")
     if Condition.LOAD_MISSING in conditions:

@@ -129,7 +129,7 @@ class Rover:
         missing = self.missing
         lines = [
             f"# Parameters of mobility_estimator, made by `smallwheel init` from {self.origin}.",
-            "# config/template.yaml explains all there are.",
+            "# `smallwheel init --template` prints all there are, each explained.",
         ]
         if missing:
             lines.append(f"# {FILL_IN} stands where a number has to come from you.")

@@ -9,6 +9,7 @@ the rest of the table; if these are ambiguous too, it is not a number.
 from __future__ import annotations
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -85,6 +86,19 @@ def clipped(text: str) -> str:
     """The text as quoted in a message: on one line, and shortened if long."""
     text = " ".join(text[: 2 * _SHOWN].split())
     return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
+
+
+def map_option(name: str, header: str) -> str:
+    """Write out the option --map for a header, as it has to be typed: whole, and quoted for a shell.
+
+    Parameters
+    ----------
+    name
+        What the column is, with a unit or without: `sinkage`, `load [kg]`.
+    header
+        The header's text, as in the table.
+    """
+    return f"--map {shlex.quote(f'{name}=' + ' '.join(header.split()))}"
 
 
 def shown(cell: Cell) -> str:

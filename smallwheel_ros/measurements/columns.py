@@ -102,14 +102,18 @@ _FORCE_STD = (1e-6, 1e7)
 
 COLUMNS: dict[str, ColumnSpec] = {
     # The least is the weight of 50 g: less is kilonewtons that were not said.
-    "load": ColumnSpec("normal load on the wheel", "N", *_LOAD, usual=(0.5, 1e5)),
+    "load": ColumnSpec(
+        "normal load on the wheel", "N", *_LOAD, usual=(0.5, 1e5),
+        hint="a load is positive where the wheel presses on the ground: turn the sign of the column",
+    ),
     "diameter": ColumnSpec("wheel diameter", "m", *_SIZE, usual=(0.005, 3.0)),
     # Widths are cut to a millimetre or so.
     "width": ColumnSpec("wheel width", "m", *_SIZE, usual=(0.002, 2.0), same=0.002),
     # No deeper than the largest wheel is high.
     "sinkage": ColumnSpec(
         "sinkage", "m", 0.0, 20.0,
-        hint="sinkage is positive downwards: turn the sign of the column",
+        hint="sinkage is positive downwards: turn the sign of the column, or, of a few readings near 0, "
+        "correct the zero of the gauge",
     ),
     "resistance": ColumnSpec("motion resistance", "N", *_FORCE),
     "drawbar_pull": ColumnSpec("drawbar pull", "N", *_FORCE),

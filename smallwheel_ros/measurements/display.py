@@ -39,6 +39,7 @@ _WORDS = {
     "partly_dug_quadratic": "quadratic in slip, soil partly dug away",
     "meirion_griffith_spenko": "Meirion-Griffith & Spenko",
     "wong_reece": "Wong & Reece",
+    "log_log_regression": "log-log regression",
 }
 _SLOW = 0.2  # m/s, below which millimetres are shown
 # Said once by what prints k, n or m.

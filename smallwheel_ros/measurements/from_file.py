@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import CellGrid, MeasurementsError, clipped
+from smallwheel_ros.measurements.cells import CellGrid, MeasurementsError, clipped, map_option
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
 from smallwheel_ros.measurements.copies import without_copies
 from smallwheel_ros.measurements.files import read_grid
@@ -338,9 +338,7 @@ def _several(columns: TableColumns) -> str:
             twice = any(a != b and b.startswith(a) for a in texts for b in texts)
             alike = len({h.unit for h in own}) == 1 and not twice
             mean = f"their mean is one {name}, or say" if alike else "say"
-            return (
-                f". {listed(texts)}: {mean} which is it with --map '{name}={clipped(own[0].text)}'"
-            )
+            return f". {listed(texts)}: {mean} which is it with {map_option(name, own[0].text)}"
     return ""
 
 

@@ -29,6 +29,7 @@ from smallwheel_ros.measurements.cells import (
     Numbers,
     clipped,
     is_blank,
+    map_option,
     shown,
 )
 from smallwheel_ros.measurements.columns import (
@@ -54,6 +55,7 @@ from smallwheel_ros.measurements.headers import (
 )
 
 _LONGEST_HEADER = 80
+_MOST_READ = 1000  # characters of a header: a paragraph
 _COMMENTS = ("#", "%", "//")
 _EXPONENT = re.compile(r"(?<=[\d.,])[eE](?=[-+]?\d)")
 _MOSTLY = 0.8  # a column of the user's own with at least this share of numbers is a numeric one
@@ -171,7 +173,7 @@ def find_layout(grid: CellGrid) -> Layout:
             )
         said += [f"{at} rows above the header are left out"] if at else []
         header_line = grid.numbers[rows[at]]
-        headers = [shown(cell).strip() for cell in grid.rows[rows[at]]]
+        headers = [_header_text(cell) for cell in grid.rows[rows[at]]]
         headers[0] = headers[0].lstrip("#% ")
         rows = rows[at + 1 :]
     comments = [i for i in rows if str(grid.rows[i][0]).startswith(_COMMENTS)]
@@ -208,6 +210,11 @@ def _header(grid: CellGrid, rows: list[int]) -> int:
         if sum(not is_blank(cell) for cell in row) > 1 and not str(row[0]).startswith(_COMMENTS)
     )
     return next(texts, 0)
+
+
+def _header_text(cell: Cell) -> str:
+    """A header on one line, with the unit at its end; only messages shorten it."""
+    return " ".join(cell[:_MOST_READ].split()) if isinstance(cell, str) else shown(cell)
 
 
 def _nothing_but_numbers(row: Sequence[Cell]) -> bool:
@@ -578,7 +585,7 @@ def with_unit(heading: Heading, unit: str | None) -> Heading:
         below = shown_unit(unit)
         raise UnitsError(
             f"the row of units below it ({below}) differ: say which with "
-            f"--map '{heading.name} [{below}]={heading.text}'"
+            f"{map_option(f'{heading.name} [{below}]', heading.text)}"
         )
     odd = heading.text in SYMBOLS and not fits(unit, expected_unit(heading.name) or unit)
     if odd or (heading.rank == UNKNOWN and find(heading.text) is not None):

@@ -25,6 +25,7 @@ from smallwheel_ros.measurements.cells import (
     Numbers,
     clipped,
     is_blank,
+    map_option,
     read_numbers,
     shown,
 )
@@ -436,11 +437,11 @@ def _headings(
     for heading in found.values():
         near = meant(heading) if heading.rank == UNKNOWN else None
         near = "diameter" if near == "radius" else near
-        text = clipped(heading.text)
         if near is not None and near not in names:
             columns.add(
-                f"header '{text}' is no known word, but nearly '{near}': correct it or its unit, or say "
-                f"--map {near}='{text}'; --map '{text}'='{text}' keeps it as a column of your own"
+                f"header '{clipped(heading.text)}' is no known word, but nearly '{near}': correct it or its "
+                f"unit, or say {map_option(near, heading.text)}; {map_option(heading.text, heading.text)} "
+                "keeps it as a column of your own"
             )
     return found
 
@@ -469,7 +470,7 @@ def _mapped(layout: Layout, mapping: Mapping[str, str], columns: TableColumns) -
             wanted[at[0]] = ours
             continue
         what = "no column" if not at else "several columns" if len(at) > 1 else "twice"
-        option = f"--map {clipped(ours)}={clipped(theirs)}"
+        option = map_option(ours, theirs)
         columns.add(
             f"{option}: {what} '{clipped(theirs)}'. The columns are {listed(layout.headers)}"
         )
@@ -486,7 +487,8 @@ def _settle(found: dict[int, Heading], columns: TableColumns) -> None:
         first, *others = [i for i in positions if found[i].rank == best]
         if others:
             one, other = (clipped(found[i].text) for i in (first, others[0]))
-            which = f", or say which with --map {clipped(name)}='{one}'" if one != other else ""
+            option = map_option(name, found[first].text)
+            which = f", or say which with {option}" if one != other else ""
             columns.add(
                 f"two columns are named '{clipped(name)}' ('{one}' and '{other}'), expected one: remove or"
                 f" rename the other{which}"
@@ -614,8 +616,10 @@ def check_range(
     wanted = spec.expected()
     if no_unit and name in ("diameter", "width"):
         wanted = wanted if spec.bad(values[bad]).any() else f"{low:g} to {high:g} m"
-    hint = f"; {spec.hint}" if spec.hint else ""
-    if spec.unit == "m" and no_unit:
+    negative = bool((values[bad] <= 0).all())  # of these no unit is wrong, but the sign
+    of_sign = name in ("load", "sinkage")
+    hint = f"; {spec.hint}" if spec.hint and (negative or not of_sign) else ""
+    if spec.unit == "m" and no_unit and not negative:
         hint = f"; without a unit it is metres: for mm the header is '{name} [mm]'"
     columns.outside(name, values, bad, wanted + hint)
 

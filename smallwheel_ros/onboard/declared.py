@@ -3,7 +3,7 @@
 
 From these declarations come the node's ROS descriptors, the values that node and replay accept, the
 resulting settings, config/template.yaml and the tables of docs/parameters.md. To add one, add a
-field below; `python docs/parameter_pages.py` writes the template anew. A parameter that the
+field below; `PYTHONPATH=. python docs/parameter_pages.py` writes the template anew. A parameter that the
 pipeline needs belongs in `DriveParameters` or one of its groups. `<wheel>` stands for a wheel's
 name.
 """

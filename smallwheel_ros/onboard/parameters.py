@@ -157,7 +157,11 @@ def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> l
         if name in (*known, *_FOREIGN):
             continue
         question = guess(name, known).rstrip()
-        mend = f": {question}" if question else " (see config/template.yaml)"
+        mend = (
+            f": {question}"
+            if question
+            else " (`smallwheel init --template` prints those there are)"
+        )
         found.append(f"parameter {name} is unknown and not used{mend}")
     return found
 

@@ -613,7 +613,7 @@ def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> N
     text = comparison.text()
     for name in (
         "constant",
-        "log log regression",
+        "log-log regression",
         "Bekker",
         "Meirion-Griffith & Spenko",
         "contact integral",

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 import numpy as np
 import pytest
 
@@ -102,8 +104,61 @@ def test_two_columns_of_one_name_are_not_told_apart_by_an_option(tmp_path) -> No
     with pytest.raises(MeasurementsError) as refused:
         read(tmp_path, head.format("sinkage [mm]") + rows)
     assert str(refused.value).endswith("remove or rename the other")
-    with pytest.raises(MeasurementsError, match="or say which with --map sinkage='sinkage"):
+    with pytest.raises(MeasurementsError, match="or say which with --map 'sinkage=sinkage"):
         read(tmp_path, head.format("Sinkage [cm]") + rows)
+
+
+def test_a_long_header_has_its_unit_and_differs_from_another(tmp_path) -> None:
+    """Of 60 characters that a message shows, two headers of a logger were one, and the unit was lost."""
+    long = "force of the pulling load cell behind the carriage, after taring, mean {} (kN)"
+    first, other = long.format("of 2 s"), long.format("of 20 s")
+    head = f'load [N],diameter [mm],width [mm],slip,"{first}","{other}"\n'
+    (tmp_path / "table.txt").write_text(head + "20,150,75,0.2,0.0056,1\n40,150,75,0.2,0.012,1\n")
+    data = read_measurements(tmp_path / "table.txt", map={"drawbar_pull": first})
+    np.testing.assert_allclose(data.channels["drawbar_pull"], [5.6, 12.0])
+    (own,) = (name for name in data.conditions.covariates if "20 s" in name)
+    np.testing.assert_allclose(data.conditions.covariates[own], [1000.0, 1000.0])
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "said"),
+    [
+        ("load,sinkage", "20,-0.0001", "sinkage is positive downwards"),
+        ("load [N],sinkage [mm]", "-20,5", "a load is positive where"),
+        ("load,sinkage,sinkage_std", "20,0.005,0", "leave the cell blank if unknown"),
+        ("load,sinkage", "20,5.6", "metres: for mm"),
+        ("load [N],sinkage [mm]", "20,56000", ""),
+    ],
+)
+def test_the_advice_on_a_number_out_of_range_fits_it(
+    tmp_path, head: str, row: str, said: str
+) -> None:
+    """A sign is no unit: -0.1 mm was answered by how to write millimetres, 56 m by how to turn a sign."""
+    advice = ["positive downwards", "positive where", "leave the cell blank", "metres: for mm"]
+    with pytest.raises(MeasurementsError) as refused:
+        read(tmp_path, f"{head},diameter [mm],width [mm]\n{row},150,75\n")
+    given = [one for one in advice if one in str(refused.value)]
+    assert [one for one in advice if one in said] == given
+    assert said in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["sinkage, driver's left", "sinkage\nleft", "sinkage " + 5 * "of a very " + "long name"],
+)
+def test_the_option_that_a_refusal_names_is_typed_as_it_stands(tmp_path, header: str) -> None:
+    """Apostrophes, line breaks of a spreadsheet, and headers longer than a message quotes."""
+    names = f'"{header} [mm]",sinkage right [mm]'
+    text = f"load [N],diameter [mm],width [mm],{names}\n20,150,75,5.62,6\n40,150,75,6.25,7\n"
+    with pytest.raises(MeasurementsError, match="--map") as refused:
+        read(tmp_path, text)
+    option = (
+        str(refused.value).partition("which is it with --map ")[2].partition(". The columns")[0]
+    )
+    (typed,) = shlex.split(option)
+    name, _, column = typed.partition("=")
+    data = read_measurements(tmp_path / "table.txt", map={name: column})
+    np.testing.assert_allclose(data.channels["sinkage"], [0.00562, 0.00625])
 
 
 @pytest.mark.parametrize("index", ["0\n", "7\n", "BDG_1\n"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests `declared.py`, `prior.py` and `settings.py`."""
+"""Tests `declared.py`, `prior.py`, `settings.py` and `template.py`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Literal
 
 import pytest
 import yaml
+from click.testing import CliRunner
 
-from docs.parameter_pages import template
+from smallwheel_ros.cli import main
 from smallwheel_ros.common.node_parameter import (
     NodeParameter,
     filled,
@@ -24,6 +25,7 @@ from smallwheel_ros.common.node_parameter import (
 from smallwheel_ros.costmap.cost import CostSettings
 from smallwheel_ros.effects.registry import effect, effect_class
 from smallwheel_ros.effects.slip import Exponential
+from smallwheel_ros.init.rover import rover_of_wheels
 from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import write_model
@@ -44,6 +46,7 @@ from smallwheel_ros.onboard.parameters import (
     unknown_parameters,
 )
 from smallwheel_ros.onboard.prior import EstimatorSettings
+from smallwheel_ros.onboard.template import template
 from smallwheel_ros.physics.soil import soil
 
 TWO_WHEELS = {
@@ -462,7 +465,9 @@ class TestModelFile:
 class TestFiles:
     @pytest.mark.parametrize(("name", "text"), [("config/template.yaml", template())])
     def test_template_is_up_to_date(self, repository: Path, name: str, text: str) -> None:
-        assert (repository / name).read_text() == text, "run python docs/parameter_pages.py"
+        assert (repository / name).read_text() == text, (
+            "run PYTHONPATH=. python docs/parameter_pages.py"
+        )
 
     def test_template_gives_the_defaults(self, tmp_path: Path) -> None:
         path = tmp_path / "template.yaml"
@@ -525,6 +530,15 @@ class TestFiles:
     def test_missing_file(self, tmp_path: Path) -> None:
         with pytest.raises(ParametersError, match=r"no\.yaml: cannot be read: No such file"):
             read_parameters(tmp_path / "no.yaml")
+
+    def test_the_command_prints_it_wherever_it_is_installed(self) -> None:
+        """An installed wheel has no config/: what messages name has to be in it."""
+        done = CliRunner().invoke(main, ["init", "--template"])
+        assert (done.exit_code, done.output) == (0, template())
+        (unknown,) = unknown_parameters({"zzzzzzzz": 1}, ["left"])
+        for text in (unknown, rover_of_wheels(2).parameter_file()):
+            assert "`smallwheel init --template`" in text
+            assert "config/" not in text
 
     def test_template_is_plain_yaml_too(self) -> None:
         assert yaml.safe_load(template())["/**"]["ros__parameters"]["wheels"] == ["front_left"]

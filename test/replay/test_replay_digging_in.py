@@ -81,7 +81,7 @@ def test_a_wheel_that_digs_itself_in_is_told_of(
     assert begin < first["time"] < event["time"]
     assert "may get stuck" in first["text"]
 
-    digging = table[table["status_text"].str.contains("digs itself in", na=False)]
+    digging = table[table["status_text"].str.contains("gets stuck: it slips", na=False)]
     assert set(digging["wheel"]) == set(table["wheel"])  # all that roll: the vehicle gets stuck
     assert digging["time"].min() == pytest.approx(event["time"], abs=0.2)
     assert digging["slip"].median() > 0.4
@@ -113,8 +113,8 @@ def test_sinkage_of_one_wheel_alone_is_no_digging_in(
 ) -> None:
     bent(drive, tmp_path / "bag", "rear_left", speed=False, sinkage=True)
     summary, table, said = replay(tmp_path / "bag", repository, tmp_path / "out")
-    assert not table["status_text"].str.contains("digs itself in", na=False).any()
+    assert not table["status_text"].str.contains("gets stuck: it slips", na=False).any()
     assert pd.read_csv(tmp_path / "out" / "vehicle.csv")["level"].max() < 3
     assert "gets_stuck" not in {event["kind"] for event in summary["events"]}
-    assert "digs itself in" not in said
+    assert "gets stuck" not in said
     assert "dig in" not in (tmp_path / "out" / "report.html").read_text()

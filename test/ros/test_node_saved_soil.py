@@ -111,7 +111,7 @@ def test_digging_in_is_an_alarm_and_dear_until_it_gets_through(
         peer.spin_until(
             lambda: any(m.level >= m.LEVEL_GETS_STUCK for m in peer.vehicle[-20:]), "the alarm"
         )
-        assert "digs itself in" in peer.mobility[-1].status_text
+        assert "gets stuck" in peer.mobility[-1].status_text
         peer.spin_until(lambda: peer.entry("alarms").level == b"\x02", "the alarm in diagnostics")
         assert "its wheels dig in: stop" in peer.entry("alarms").message
         peer.spin_until(lambda: max(grids[-1].data) >= 90, "ground that it is warned of")

@@ -5,6 +5,7 @@ The sums:
 
     path      + (|v| now + |v| before)/2 dt of the wheel's place, 0 where it stands     Turning counts.
     distance  the same for the vehicle's middle, over the rows of all wheels
+              Over a pause of the recording: between the poses before and after, where there are any.
     onward    the direction in which all turning wheels drive; while they disagree, as before
 """
 
@@ -24,15 +25,19 @@ from .passes import Passes
 from .steering import ASIDE
 
 _LONGEST = 1.0  # s between two rows over which speeds are taken to change evenly
+_PAUSED = (
+    10.0  # s: a recording that was paused; speeds do not tell what was driven meanwhile, places do
+)
 
 
 @dataclass
 class _Last:
-    """Last row of a wheel, or of the vehicle: stamp (ns; -1: none), speed (m/s), path (m)."""
+    """Last row of a wheel, or of the vehicle: stamp (ns; -1: none), speed (m/s), path (m), place x, y (m)."""
 
     stamp: int = -1
     speed: float = 0.0
     path: float = 0.0
+    place: Array = field(default_factory=lambda: np.full(2, np.nan))
 
 
 @dataclass
@@ -88,6 +93,7 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
     """
     wheels = settings.wheels
     count = len(rows)
+    places = np.column_stack([rows.x, rows.y])
     path, due, pressed = np.empty(count), np.empty(count, dtype=bool), np.zeros(count)
     pressed_before = max(state.deepest.values(), default=0.0)
     for number, wheel in enumerate(wheels):
@@ -97,10 +103,10 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
         if wheel.contact == PRESSED:
             path[mine] = pressed[mine] = _pressed(state, number, rows.sinkage[mine])
         else:
-            own = rows.stamp[mine], rows.speed[mine], rows.stands[mine]
+            own = rows.stamp[mine], rows.speed[mine], rows.stands[mine], places[mine]
             path[mine] = _path(state.wheels[number], *own)
         due[mine] = _due(state, number, rows.stamp[mine], settings.mobility.rate)
-    distance = _path(state.vehicle, rows.stamp, rows.vehicle_speed, rows.stands)
+    distance = _path(state.vehicle, rows.stamp, rows.vehicle_speed, rows.stands, places)
     distance = np.maximum(distance, np.maximum.accumulate(np.maximum(pressed, pressed_before)))
     onward = _onward(state, rows)
     counted = state.passes.numbers(rows, distance, onward)
@@ -126,8 +132,11 @@ def _off_track(rows: Aligned, wheels: tuple[Wheel, ...]) -> Flags:
     return np.asarray((off > 0.5 * width) | (np.abs(rows.course) > ASIDE))
 
 
-def _path(last: _Last, stamps: Integers, speed: Array, stands: Flags) -> Array:
-    """Integrate speeds (m/s) to paths (m) at rows, and update `last`; shape (rows,). stamps: ns."""
+def _path(last: _Last, stamps: Integers, speed: Array, stands: Flags, places: Array) -> Array:
+    """Integrate speeds (m/s) to paths (m) at rows, shape (rows,), and update `last`.
+
+    stamps: ns. places: x, y (m), shape (rows, 2), which give the path over a pause of the recording.
+    """
     size = np.abs(speed)
     size = np.where(size > STANDSTILL_SPEED, size, 0.0)  # of what is not known, too
     before = np.concatenate([[last.speed], size[:-1]])
@@ -135,6 +144,9 @@ def _path(last: _Last, stamps: Integers, speed: Array, stands: Flags) -> Array:
     seconds = np.diff(stamp) / SECOND
     mean = np.where(seconds > _LONGEST, np.minimum(size, before), 0.5 * (size + before))
     step = np.where(stands, 0.0, mean * seconds)
+    apart = np.hypot(*np.diff(np.vstack([last.place, places]), axis=0).T)
+    step = np.where((seconds > _PAUSED) & np.isfinite(apart), apart, step)
+    last.place = places[-1].copy()
     found = steps_of(step, last.path)
     last.stamp, last.speed, last.path = int(stamps[-1]), float(size[-1]), float(found[-1])
     return found
