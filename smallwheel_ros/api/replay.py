@@ -45,8 +45,8 @@ def replay(
     config : path, optional
         The node's parameter file; if not given, what `smallwheel init` finds in the bag.
     output : path, optional
-        Folder for tables, a bag and a cost map; without it a temporary one, which is deleted with the
-        result.
+        Folder for tables, a bag and a cost map. The command needs it, except with --topics; a call from
+        Python without it has a temporary one, which is deleted with the result.
     remaps : dict, as ``{"odom": "/rover/odom"}``, optional
         The node's name of an input, and the topic of the bag that it is read from.
     clock : bool, optional

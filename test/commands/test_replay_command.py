@@ -77,6 +77,8 @@ def test_a_folder_is_asked_for_before_anything_is_read(tmp_path: Path) -> None:
     done = run(tmp_path / "no_bag")
     assert done.exit_code == 2
     assert "give -o FOLDER (or --topics)" in done.stderr
+    helped = " ".join(run("--help").stdout.split())
+    assert "The command needs it, except with --topics" in helped
 
 
 def test_topics_are_counted_over_the_length_of_the_bag(bag: Path) -> None:

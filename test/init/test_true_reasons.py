@@ -336,3 +336,9 @@ def test_the_reason_is_the_one_that_holds(name: str) -> None:
     assert others in other()
     assert not words or words not in other()
     assert not others or others not in one()
+
+
+@pytest.mark.parametrize("kind", ["ahead", "old"])
+def test_stamps_of_another_clock_are_answered_by_what_reads_a_bag_of_them(kind: str) -> None:
+    """In `replay` there is no use_sim_time; --no-clock compares stamps with each other."""
+    assert "--no-clock" in stamp(kind)

@@ -17,9 +17,11 @@ from .sums import Run, Said
 from .window import (
     ABOVE,
     AHEAD,
+    COSINE,
     GAP,
     GYRO,
     LEFT,
+    SINE,
     SPEED,
     CheckedWheels,
     Window,
@@ -32,6 +34,8 @@ ALIKE = 0.1  # of their speed: what wheels of one side differ by on even ground
 JUMP, JUMP_FACTOR = 1.0, 3.0  # m, 1
 REPEAT_WAY = 1.0  # m by the rims
 NO_TWIST_WAY = 2.0  # m of the pose
+FRAME_ASIDE, FRAME_WAY, FRAME_FITS = 0.3, 1.0, 0.15  # of the pose's speed, m, of the way
+FRAME_MOVES = 0.2  # of the way: a twist that hardly moves fits any axis across it
 GRAVITY_TIME = 10.0  # s: over less a start or a stop may make a tenth of it
 TILT, TILT_CHANCE, STANDS = 0.03, 0.001, 4  # rad, of Student's t distribution, standstills
 USUAL = 0.1  # rad: slopes on which vehicles stop, and mountings; in one heading both look alike
@@ -51,6 +55,43 @@ class NoTwist:
             " differences of the pose; let the driver fill in the twist if it can"
         )
         return [Said(ODOMETRY, way, text)] if way > NO_TWIST_WAY else []
+
+
+class TwistFrame:
+    """Whether the twist's linear.x is the pose's speed along x of the map, rather than along its heading.
+
+    Some simulators and motion capture publish it so. It is judged where the pose goes along its heading at
+    another speed than along x, and not along x either. There a twist of the vehicle's own speed is off by
+    `FRAME_ASIDE` of it, however wrong the heading is.
+    """
+
+    def __init__(self) -> None:
+        self.sums = np.zeros(3)  # m: way, misfit of the twist along x, way by the twist
+
+    def take(self, window: Window) -> list[Said]:
+        """Process a span; return what the rule reports.
+
+        An odometry without a twist, or that is computed from the wheels, is not judged.
+        """
+        o, known = window.odometry, window.memory.known
+        if o is None or not known.twist or known.of_wheels:
+            return []
+        along, across = window.pose_steps / GAP
+        ahead = along * o.x[:, COSINE] + across * o.x[:, SINE]
+        pace, twist = np.hypot(along, across), o.x[:, SPEED]
+        aside = np.minimum(np.abs(ahead - along), pace - np.abs(along))
+        rows = o.inside & (pace > MOVES) & (aside > FRAME_ASIDE * pace) & np.isfinite(twist)
+        columns = pace, np.abs(twist - along), np.abs(twist)
+        self.sums += np.stack(columns)[:, rows] @ o.dt[rows]
+        way, misfit, moved = self.sums.tolist()
+        fits = misfit < FRAME_FITS * way and moved > FRAME_MOVES * way
+        window.memory.of_map = way > FRAME_WAY and fits
+        text = (
+            "its twist is along the axes of the map, not of the vehicle: publish it in child_frame_id, turned"
+            " by the heading, as nav_msgs/Odometry has it"
+        )
+        found = Said("odometry", way, text, (ODOMETRY,), taught=True)
+        return [found] if window.memory.of_map else []
 
 
 class ZDown:

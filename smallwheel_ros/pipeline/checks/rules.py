@@ -45,6 +45,10 @@ from .loads import (
     Weight,
 )
 from .odometry import (
+    FRAME_ASIDE,
+    FRAME_FITS,
+    FRAME_MOVES,
+    FRAME_WAY,
     GRAVITY_TIME,
     JUMP,
     JUMP_FACTOR,
@@ -62,6 +66,7 @@ from .odometry import (
     OfWheelsRule,
     RepeatedTwists,
     Tilt,
+    TwistFrame,
     ZDown,
 )  # fmt: skip
 from .rims import (
@@ -176,6 +181,15 @@ RULES: tuple[Rule, ...] = (
         "worst good drive 0.8 m (lidar in violent spins)",
         "positions are off by that",
         Jumps,
+    ),
+    Rule(
+        "frame",
+        f"rows of the odometry whose pose goes ahead {FRAME_ASIDE:g} of its speed off x of its frame",
+        "twist's speed less the pose's speed along x, over the distance",
+        f"under {FRAME_FITS:g}, over {FRAME_WAY:g} m, {FRAME_MOVES:g} of it by the twist",
+        "the vehicle's own speed is twice that off, whatever the heading",
+        "frame of the twist",
+        lambda vehicle: TwistFrame(),
     ),
     Rule(
         "mirrored",

@@ -240,6 +240,8 @@ class Memory:
         Whether the odometry ever had a yaw rate other than 0.
     way
         Path of the rims up to the beginning of the span, m.
+    of_map
+        Whether the odometry's twist was found to be along the axes of the map.
     doubted
         Streams that earlier rules of the table have reported in this span.
     """
@@ -247,11 +249,14 @@ class Memory:
     known: Known = field(default_factory=Known)
     turns: bool = False
     way: float = 0.0
+    of_map: bool = False
     doubted: set[str] = field(default_factory=set)
 
 
 class Window:
     """The rows of all sources in a span and around it; those of a source with fewer than three are None.
+
+    `pose_steps` has the steps (m) of the odometry's pose along x and y over `GAP` about its rows.
 
     Parameters
     ----------
@@ -292,6 +297,8 @@ class Window:
         self.sinkages = self._asked(self._wheels("sinkage", ones))
         self.imu = self._asked(self._source(IMU, 4))
         self.odometry = self._asked(self._source(ODOMETRY, 6))
+        o = self.odometry
+        self.pose_steps = np.zeros((2, 0)) if o is None else self._pose_steps(o, o.t)
         self.velocity = self._source(VELOCITY, 2)
         self.moves = self._moves()
         if self.odometry is not None:
@@ -395,12 +402,16 @@ class Window:
         o = self.odometry
         if o is None or self.memory.known.of_wheels or not o.x[:, [X, Y]].any():
             return np.full(t.size, np.nan)
-        x, y, cosine, sine = (Rows(o.t, o.x[:, [k]]) for k in (X, Y, COSINE, SINE))
-        dx, dy = (c.at(t + GAP / 2, 0) - c.at(t - GAP / 2, 0) for c in (x, y))
-        ahead = dx * cosine.at(t, 0) + dy * sine.at(t, 0)
-        left = dy * cosine.at(t, 0) - dx * sine.at(t, 0)
+        dx, dy = self._pose_steps(o, t)
+        cosine, sine = o.at(t, COSINE), o.at(t, SINE)
+        ahead, left = dx * cosine + dy * sine, dy * cosine - dx * sine
         moves = np.hypot(dx, dy) > MOVES * GAP / 2
         return np.where(moves, np.arctan2(left * np.sign(ahead), np.abs(ahead)), np.nan)
+
+    @staticmethod
+    def _pose_steps(rows: Rows, t: Array) -> Array:
+        """Steps (m) of the pose along x and y of its frame, over `GAP` about times, shape (2, times)."""
+        return np.stack([rows.at(t + GAP / 2, k) - rows.at(t - GAP / 2, k) for k in (X, Y)])
 
     def rims_ahead_at(self, t: Array) -> Array:
         """Components of the rims' speeds along the heading, (times, wheels), m/s; NaN at large angles."""
@@ -419,7 +430,7 @@ class Window:
         nothing: Array = np.full(len(rims.t), np.nan)
         v: Array = nothing
         w: Array = nothing
-        if self.odometry is not None and not memory.known.of_wheels:
+        if self.odometry is not None and not (memory.known.of_wheels or memory.of_map):
             moves = Rows(self.moves.t, np.where(self.odometry.stale[:, None], np.nan, self.moves.x))
             v = moves.at(rims.t, SPEED)
             w = moves.at(rims.t, YAW_RATE) if memory.turns else nothing

@@ -219,12 +219,13 @@ class Streams:
             if stamp - now > rules.future:
                 return "stamp_in_future", (
                     f"stamp is {ahead:.3f} s ahead of the clock, at most {rules.future / SECOND:g} s"
-                    " expected: are the clocks synchronised?"
+                    " expected: are the clocks synchronised? (A bag: replay it with --no-clock)"
                 )
             if now - stamp > rules.age:
                 return "stamp_too_old", (
                     f"stamp is {-ahead:.3f} s behind the clock, at most {rules.age / SECOND:g} s"
-                    " expected: for a bag, set use_sim_time and play it with its clock"
+                    " expected: for a bag, set use_sim_time and play it with its clock, or replay it"
+                    " with --no-clock"
                 )
         if self.latest == NEVER or abs(stamp - self.latest) <= rules.jump:
             return None

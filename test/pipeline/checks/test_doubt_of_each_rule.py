@@ -41,6 +41,7 @@ DOUBTS = {
     "m/s at the rim": {f"{name}/wheel_speed" for name in NAMES},
     "joints interchanged": {LEFT, RIGHT}, "radius": NOTHING, "all radii": NOTHING,
     "odometry repeats": {ODOMETRY}, "of wheels": {SHOWS_NO_SLIP}, "no twist": NOTHING, "late": NOTHING,
+    "twist of the map": {ODOMETRY},
     "jumps": NOTHING, "gyro": {IMU}, "imu frozen": {IMU}, "tilt": NOTHING, "z down": NOTHING,
     "imu in g": NOTHING, "gravity taken out": NOTHING,
     "kg": {f"{name}/load" for name in NAMES}, "load frozen": {"front_left/load"},

@@ -137,6 +137,12 @@ def all_joints(factor: float) -> Callable[[Rows], None]:
     return make
 
 
+def twist_of_the_map(rows: Rows) -> None:
+    """As Gazebo's p3d publishes it: the speed along x of the pose's frame."""
+    values = rows[ODOMETRY][1]
+    values[:, 0] *= values[:, 4]
+
+
 FAULTS: dict[str, tuple[str, str, Callable[[Rows], None]]] = {
     "encoder 0": ("dead", "front_left", zero),
     "encoder holds": ("held", "front_left", lambda r: hold(r, LEFT)),
@@ -150,6 +156,7 @@ FAULTS: dict[str, tuple[str, str, Callable[[Rows], None]]] = {
     ),
     "odometry repeats": ("repeats", "odometry", lambda r: hold(r, ODOMETRY)),
     "no twist": ("no twist", "odom", lambda r: scale(r, ODOMETRY, 0.0, [0, 1])),
+    "twist of the map": ("frame", "odometry", twist_of_the_map),
     "of wheels": ("of wheels", "odometry", of_wheels),
     "late": ("late", "odometry", late),
     "jumps": ("jumps", "odometry", jump),
@@ -178,6 +185,20 @@ def test_two_joints_that_stand_at_one_value_stand_at_a_limit(good: Rows) -> None
     for name in (one, other):
         np.clip(rows[name][1], None, fastest, out=rows[name][1])
     assert not [finding for finding in heard(rows) if finding.rule == "held"]
+
+
+@pytest.mark.parametrize("off", np.linspace(-np.pi, np.pi, 9)[:-1])
+@pytest.mark.parametrize("moves", [1.0, -1.0, 0.0])
+def test_a_twist_along_the_heading_is_in_no_other_frame(
+    good: Rows, off: float, moves: float
+) -> None:
+    """Whatever heading the pose shows, ahead and back, and of a vehicle that is towed, its wheels still."""
+    rows = copy.deepcopy(good)
+    values = rows[ODOMETRY][1]
+    values[:, 0] *= moves
+    heading = np.arctan2(values[:, 5], values[:, 4]) + off
+    values[:, 4], values[:, 5] = np.cos(heading), np.sin(heading)
+    assert "frame" not in {rule for rule, _ in said(rows)}
 
 
 def test_nothing_is_said_of_good_sensors(good: Rows) -> None:
