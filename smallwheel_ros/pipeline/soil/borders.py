@@ -12,7 +12,8 @@ metre, for 4 m, and all stretches since the oldest are compared with that. Where
 the law returns to the stored state, uses what lies before the border, and is reset.
 
 Nothing counts as determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or
-pressure does not follow a power of depth (`shape`).
+pressure does not follow a power of depth (`shape`): then sinkages are stated as if the zero of their sensors
+were as little known as before.
 """
 
 from __future__ import annotations
@@ -291,6 +292,8 @@ class Soils:
         assert law is not None
         doubt = self._doubt(law)
         places, still = law.scatter.places
+        if self._shape:  # then nothing is known of the zero, and of sinkages no more than that
+            still += law.zero_by_law
         self.versions.append(
             Version(
                 law.model, *law.law, law.mean, law.covariance, (places + watch.missed_variance, still),

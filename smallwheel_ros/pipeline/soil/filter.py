@@ -377,6 +377,15 @@ class SoilFilter:
         return found
 
     @property
+    def zero_by_law(self) -> float:
+        """Variance (m^2) by which the law has made the zero of all sinkage sensors better known than before.
+
+        A zero shows in how far sinkages grow with load: on ground that is no power of depth it does not.
+        """
+        before, now = (one[ZERO, ZERO] for one in (self.model.soil_covariance, self.covariance))
+        return max(float(before - now), 0.0)
+
+    @property
     def widest(self) -> Array:
         """Mean state of the eleven filters in which the sinkage sensors' zero may be wrong."""
         wide = self._weights[1:] / self._weights[1:].sum()
