@@ -12,7 +12,8 @@ metre, for 4 m, and all stretches since the oldest stored law are compared with 
 border, the law returns to the stored state, uses the stretches before the border, and is reset.
 
 Nothing counts as determined while a border is suspected by over 3 sigma, sinkages are far from predictions,
-the wheels hardly sink, or pressure does not follow a power of depth (`shape`).
+the wheels hardly sink, or pressure does not follow a power of depth (`shape`). In the last case predicted
+sinkages have a deviation as if the zero of their sensors were as little known as before the first stretch.
 """
 
 from __future__ import annotations
@@ -336,6 +337,8 @@ class Soils:
         assert law is not None
         doubt = self._doubt(law)
         places, still = law.scatter.places
+        if self._shape:  # then nothing is known of the zero, and of sinkages no more than that
+            still += law.zero_by_law
         self.versions.append(
             Version(
                 law.model, *law.law, law.mean, law.covariance, (places + watch.missed_variance, still),

@@ -10,6 +10,8 @@
     again     At the 40th stretch of a soil, and whenever there are half as many more, to the 456th, all are
               used again from its start, linearised about the newest x. While the law moves by over half a
               deviation this is repeated, up to three times in all; where it still moves, it is not settled.
+    zeros     The variance with which single sensors' zeros then begin is what the estimate shows it to be
+              (empirical Bayes): m is what wheels of two sizes differ by beyond that.
     between   All stretches are linearised about that same x. If each were linearised about its own, the
               differences between their slopes would seem to measure what no stretch separates (a zero, u
               and n; Huang, Mourikis and Roumeliotis 2008): n was 5.7 deviations off in a drive that keeps
@@ -29,8 +31,8 @@ therefore a filter for each of 11 zeros, whose deviation about its zero is about
 (a sum of Gaussians; Alspach and Sorenson 1972). Together they make up the prior, with
 twice its deviation of ln pressure, since a soil is often not the one that was named. One more
 filter, the first, has the named soil's deviation and a tenth of the prior's deviations of passes
-and zeros. Weights are shares times likelihoods to the power of 0.3, or, where it is less, of 1 over
-the factor by which neighbouring errors are alike: an error that the law has no part for persists
+and of the common zero. Weights are shares times likelihoods to the power of 0.3, or, where it is less,
+of 1 over the factor by which neighbouring errors are alike: an error that the law has no part for persists
 over metres and looks like a wrong zero. R is one for all filters, their mean. With R of its own, the
 filter that sees the least scatter in the ground would win: under one load, that of a zero of 3 to 5 mm.
 
@@ -135,6 +137,13 @@ class Member:
     def x(self) -> Array:
         """Mean of the state x of `soil/model.py`, shape (size,)."""
         return np.asarray(self.model.mean + self.kalman.x)
+
+    def allow_own_zeros(self, variance: float) -> None:
+        """Begin with this variance (m^2) of each sensor's own zero, of which nothing is known yet."""
+        own = np.arange(WHEELS, self.model.size, EACH)
+        covariance = self.kalman.P.copy()
+        covariance[own, own] = variance
+        self.kalman.P = covariance
 
     def correct(self, x: Array, value: Array, H: Array, z: Array, noise: Array) -> None:
         """Update the filter from stretches, with h linearised at a given state.
@@ -246,6 +255,7 @@ class SoilFilter:
         self._about: list[Array] | None = None
         self._linear: Array = model.law(model.mean)[0]
         self.used, self.settled = 0, False
+        self._first = True  # soil: nothing is known of the sensors before it
         self._remember()
         self._mix()
 
@@ -350,11 +360,14 @@ class SoilFilter:
         sizes = [len(part) for part in self._store]
         started, self._travelled = self._started
         power = self._power
+        own_zeros = self.model.own_zero_variance(self.mean, self.covariance)
         abouts = self._linearise()
         shown = [self.model.h(about, rows) for about in abouts]
         noise = np.array([self.scatter.noise(rows, one) for one in shown])
         alone, counts, _ = np.einsum("i,ijk->jk", self._weights, noise)
         self.bank = [member.copy() for member in started]
+        for member in self.bank if self._first else []:
+            member.allow_own_zeros(own_zeros)
         first = 0
         for size in sizes:
             part = slice(first, first + size)
@@ -419,6 +432,15 @@ class SoilFilter:
         found: Array = np.einsum("i,ijk->jk", wide, within)
         found += np.einsum("i,ij,ik->jk", wide, off, off)
         return found
+
+    @property
+    def zero_by_law(self) -> float:
+        """Variance (m^2) by which the law has made the zero of all sinkage sensors better known than before.
+
+        A zero shows in how far sinkages grow with load: on ground that is no power of depth it does not.
+        """
+        before, now = (one[ZERO, ZERO] for one in (self.model.soil_covariance, self.covariance))
+        return max(float(before - now), 0.0)
 
     @property
     def widest(self) -> Array:
@@ -503,7 +525,7 @@ class SoilFilter:
                 member.x, member.kalman.P, law or self._prior_law(i > 0)
             )
             member.kalman.x = x - self.model.mean
-        self.used, self.settled = 0, law is not None
+        self.used, self.settled, self._first = 0, law is not None, False
         self._remember()
         self._mix()
 
@@ -538,7 +560,7 @@ class SoilFilter:
         tight = self.model.fault_free(wide)
         tight[:WHEELS, :WHEELS] = wide[:WHEELS, :WHEELS] = covariance
         self.bank = self._bank(x, tight, wide)
-        self.used, self.settled = used, True
+        self.used, self.settled, self._first = used, True, False
         self._remember()
         self._mix()
 

@@ -63,18 +63,20 @@ _PITCH_STD = 0.01  # m/rad, of e
 _SINKAGE_SCALE_STD = (
     0.05  # of f: a range sensor 18 degrees off the vertical along which it is taken to look
 )
-# On the deviations of passes and zeros where nothing is wrong; on that of ln pressure where the soil may not
-# be the one that was named: sand is firm in places, by 2 to 4.6 of the prior's deviations in drives of
-# another author, which n and the zeros then had to make up for.
+# On the deviations of passes and of the common zero where nothing is wrong; on that of ln pressure where
+# the soil may not be the one that was named: sand is firm in places, by 2 to 4.6 of the prior's deviations
+# in drives of another author, which n and the zeros then had to make up for.
 _FAULT_FREE, _MISNAMED = 0.1, 2.0
 LEAST_SHARE = 0.15  # of the shown load, that the wheel carries at least, whatever the zero
 LOG_DEPTH = math.log(REFERENCE_SINKAGE)
 N_RANGE = 0.05, 2.9
 # What a single sensor is off by besides, over what all are: m lives on what wheels of two sizes differ by.
 # How a zero is taken moves all sensors alike, by up to a centimetre. What is left of each is how it is
-# mounted and read, which a worse way of taking the zero does not change: half a millimetre at most.
+# mounted and read, which a worse way of taking the zero does not change: half a millimetre to a millimetre.
 _EACH_ZERO, _EACH_LOAD = 0.25, 0.5
-_EACH_ZERO_MOST = 5e-4  # m
+_EACH_ZERO_MOST = 7.5e-4  # m
+# Sensors that this deviation counts for, beside those of the vehicle.
+_TOLD_ZEROS = 2.0
 _LEAST_SLIP_FACTOR, _TINY = 0.2, 1e-9
 _AXLE = 0.5  # of the diameter
 
@@ -291,11 +293,33 @@ class LawModel:
         self.unnamed_covariance[:LAW, :LAW] = back @ own @ back.T
 
     def fault_free(self, covariance: Array) -> Array:
-        """The covariance of the state with deviations of passes and zeros reduced to a tenth."""
+        """The covariance of the state with deviations of passes and of the common zero reduced to a tenth.
+
+        What single sensors are off by is no fault: wheels of two sizes would show it as m.
+        """
         scale = np.ones(self.size)
-        scale[[PASS, ZERO, *range(WHEELS, self.size, EACH)]] = _FAULT_FREE
+        scale[[PASS, ZERO]] = _FAULT_FREE
         whole: Array = covariance * np.outer(scale, scale)
         return whole
+
+    def own_zero_variance(self, mean: Array, covariance: Array) -> float:
+        """Variance of what single sinkage sensors are off by, as an estimate of the state shows it, m^2.
+
+        A step of expectation maximisation (Dempster, Laird and Rubin 1977): the prior's variance as that of
+        two more sensors. Where wheels of one size agree, what sizes differ by is m; where they do not, it
+        may be the sensors.
+
+        Parameters
+        ----------
+        mean
+            Shape (size,).
+        covariance
+            Shape (size, size).
+        """
+        own = slice(WHEELS, self.size, EACH)
+        squares = mean[own] ** 2 + np.diag(covariance)[own]
+        told = _TOLD_ZEROS * self.soil_covariance[WHEELS, WHEELS]
+        return float((told + squares.sum()) / (_TOLD_ZEROS + squares.size))
 
     def drift(self, law: float, side: float, border: float) -> tuple[Array, Array]:
         """Transition matrix F and process noise Q of the filter's prediction over a distance.

@@ -85,5 +85,5 @@ def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
     what, depth = "harder" if share < 0.0 else "softer", 1e3 * edges[best]
     return (
         f"this ground is {what} below {depth:.0f} mm than any power of depth describes: rely on predicted"
-        " sinkages, not on k, n and m"
+        " sinkages and their deviations, not on k, n and m"
     )
