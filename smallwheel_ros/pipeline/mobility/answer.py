@@ -61,8 +61,8 @@ class OnGround(Loads):
         Load without its cell's noise, and its standard deviation, N.
     soil_version
         Number of the version of the soil under the wheel.
-    newest
-        Number of the version of the soil that the first wheels are on.
+    first_soil
+        Number of the soil that the first wheels are on.
     strength_version
         Number of the version of the strength.
     refused
@@ -70,7 +70,7 @@ class OnGround(Loads):
     """
 
     soil_version: Integers
-    newest: Integers
+    first_soil: Integers
     strength_version: Integers
     refused: Integers
 
@@ -151,9 +151,7 @@ def answer(
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of, newest = (
-        [soils[one] for one in numbers.tolist()] for numbers in (soil_version, ground.newest)
-    )
+    of = [soils[one] for one in soil_version.tolist()]
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
@@ -197,7 +195,6 @@ def answer(
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-    numbers = [soil.number for soil in newest]
     columns = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     columns |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
@@ -211,7 +208,7 @@ def answer(
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2),
         margin_median=median, margin_lower_std=lower_std, margin_beyond=beyond, demand=judged.asked,
         risk=risk, digging_in=digging, spins=judged.spins,
-        elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
+        elsewhere=np.array([v.number for v in of], dtype=np.int64) != ground.first_soil,
         margin_by_soil=by_soil,
         rejected=ground.refused + np.array([v.outliers for v in of], dtype=np.int64),
         soil_version=soil_version, strength_version=strength_version,
