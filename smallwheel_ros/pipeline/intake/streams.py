@@ -28,6 +28,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from smallwheel_ros.common.stamps import NEVER, SECOND
+from smallwheel_ros.pipeline.refused import explain
 from smallwheel_ros.pipeline.tables import Array, Integers
 
 from .buffer import Samples, StampRules, Stream
@@ -304,7 +305,7 @@ class Streams:
             Number of messages that had it.
         """
         self.problems[name, reason] += times
-        self.words[name, reason] = text
+        explain(self.words, (name, reason), text)
 
     # --- Up to when all is there
 
