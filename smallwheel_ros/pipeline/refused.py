@@ -38,8 +38,7 @@ class ProblemLog:
         Number of messages with each problem, by (stream, reason). The caller's own counter, not a copy:
         others may add to it.
     words
-        Explanation of the newest occurrence, by (stream, reason), the newest last (`explain`); not a copy
-        either.
+        Explanation of the newest occurrence, by (stream, reason), the newest last; not a copy either.
     """
 
     def __init__(self, counts: Counter[tuple[str, str]], words: dict[tuple[str, str], str]) -> None:
@@ -66,7 +65,8 @@ class ProblemLog:
             Whether these messages were left out. If False they do not count as refused (`refused`).
         """
         self.counts[stream, reason] += times
-        explain(self.words, (stream, reason), text)
+        self.words.pop((stream, reason), None)  # the newest is the last
+        self.words[stream, reason] = text
         if not unused:
             self._used.add((stream, reason))
 
@@ -103,22 +103,6 @@ class ProblemLog:
                     f"{name}: {refused / count:.0%} of the messages are refused (newest: {newest})"
                 )
         return tuple(found)
-
-
-def explain(words: dict[tuple[str, str], str], key: tuple[str, str], text: str) -> None:
-    """Set the explanation of a problem, and make it the last of all.
-
-    Parameters
-    ----------
-    words
-        Explanations by (stream, reason), the newest last; it is changed.
-    key
-        Stream and reason of the problem.
-    text
-        Explanation for people.
-    """
-    words.pop(key, None)
-    words[key] = text
 
 
 # Reasons of messages that did not become a row of their stream.

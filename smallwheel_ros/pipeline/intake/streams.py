@@ -28,7 +28,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from smallwheel_ros.common.stamps import NEVER, SECOND
-from smallwheel_ros.pipeline.refused import explain
 from smallwheel_ros.pipeline.tables import Array, Integers
 
 from .buffer import Samples, StampRules, Stream
@@ -305,7 +304,8 @@ class Streams:
             Number of messages that had it.
         """
         self.problems[name, reason] += times
-        explain(self.words, (name, reason), text)
+        self.words.pop((name, reason), None)  # the newest is the last
+        self.words[name, reason] = text
 
     # --- Up to when all is there
 
