@@ -298,6 +298,7 @@ def _margins(
             (can.beyond, judged.beyond),
         )
     ]  # fmt: skip
+    shown = [np.where(sunk, np.nan, column) for column in margins]
     _, _, median, lower, beyond = margins
     risk = judged.risk.copy()
     any_sunk = (by_filter & (median == SUNK)).any() or any(
@@ -320,9 +321,7 @@ def _margins(
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
-    margin, deviation, median, lower, beyond = (
-        np.where(sunk, np.nan, column) for column in margins
-    )
+    margin, deviation, median, lower, beyond = shown
     return margin, deviation, median, lower, beyond, by_filter & rolls, risk
 
 
