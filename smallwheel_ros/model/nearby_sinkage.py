@@ -17,7 +17,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.contact import ContactSinkage
+from smallwheel_ros.physics.contact import AXLE_RATIO, ContactSinkage
 from smallwheel_ros.physics.sinkage import CONTACT_RULES, Geometry, loads_by_depth
 from smallwheel_ros.physics.soil import Soil
 
@@ -106,11 +106,16 @@ class NearbySinkage:
 
     @cached_property
     def _loads_by_depth(self) -> tuple[Array, Array]:
-        """Depths (m) below the wheels, and the load (N) carried at each; both of shape (nodes, rows)."""
+        """Depths (m) below the wheels, and the load (N) carried at each; both of shape (nodes, rows).
+
+        A wheel that is sunk to its axle carries its load in the shares that it has at the axle.
+        """
         assert self._solved is not None
-        _, diameter, modulus, exponent = self._at
-        width = self._conditions.width
-        return loads_by_depth(self._solved.sinkage, diameter, width, modulus, exponent)
+        load, diameter, modulus, exponent = self._at
+        sunk, width = self._solved.sunk_to_axle, self._conditions.width
+        sinkage = np.where(sunk, AXLE_RATIO * diameter, self._solved.sinkage)
+        depth, borne = loads_by_depth(sinkage, diameter, width, modulus, exponent)
+        return depth, borne * np.where(sunk, load / borne.sum(axis=0), 1.0)
 
 
 def _log(sinkage: Array) -> Array:

@@ -91,7 +91,7 @@ class ContactSinkage(NamedTuple):
         d ln z / d ln(W / K), with the load W and the modulus K, to about 1e-8.
     slope_exponent
         d ln z / dn at constant W and K, to about 1e-8; NaN without `with_exponent` of `contact_sinkage`.
-        Where `sunk_to_axle` holds, both slopes are those at the axle, not those of the extrapolation.
+        Where `sunk_to_axle` holds, both slopes are those of the extrapolation.
     """
 
     sinkage: Array
@@ -236,11 +236,14 @@ def _solve_block(
         of_axle, _ = _value_and_slope(_coefficients(n, _OUTLINES[-1]), np.full(n.size, AXLE_RATIO))
         excess = level[sunk] - (half[sunk] * _LOG_AXLE + np.log(of_axle))
         log_ratio[sunk] += np.maximum(excess, 0.0) / half[sunk]
+        # ln z = (target - ln I)/(n + 1/2) beyond the axle, with I at the axle.
+        ratio[sunk], value[sunk] = AXLE_RATIO, of_axle
         sunk[sunk] = excess > 0.0
+        rise = np.where(sunk, half, rise)
     log_z, slope_exponent = log_ratio + log_d, np.nan
     if with_exponent:
         by_exponent = _slope_exponent(exponent, coefficients, ratio, value)
-        slope_exponent = -(np.minimum(log_ratio, _LOG_AXLE) + log_d + by_exponent) / rise
+        slope_exponent = -(log_z + by_exponent) / rise
     return log_z, sunk, 1.0 / rise, slope_exponent
 
 

@@ -38,7 +38,7 @@ class ProblemLog:
         Number of messages with each problem, by (stream, reason). The caller's own counter, not a copy:
         others may add to it.
     words
-        Explanation of the newest occurrence, by (stream, reason); not a copy either.
+        Explanation of the newest occurrence, by (stream, reason), the newest last; not a copy either.
     """
 
     def __init__(self, counts: Counter[tuple[str, str]], words: dict[tuple[str, str], str]) -> None:
@@ -65,6 +65,7 @@ class ProblemLog:
             Whether these messages were left out. If False they do not count as refused (`refused`).
         """
         self.counts[stream, reason] += times
+        self.words.pop((stream, reason), None)  # the newest is the last
         self.words[stream, reason] = text
         if not unused:
             self._used.add((stream, reason))
@@ -77,11 +78,11 @@ class ProblemLog:
 
     def refused(self, stream: str) -> int:
         """Number of messages of a stream that were not used."""
-        return sum(
-            count
-            for key, count in self.counts.items()
-            if key[0] == stream and key not in self._used and key[1] not in _USED
-        )
+        return sum(count for key, count in self.counts.items() if self._refuses(stream, key))
+
+    def _refuses(self, stream: str, key: tuple[str, str]) -> bool:
+        """Whether messages of a stream were left out for the problem with this key."""
+        return key[0] == stream and key not in self._used and key[1] not in _USED
 
     def findings(self, received: Iterable[tuple[str, int]]) -> tuple[str, ...]:
         """Describe in words each stream of which over a fifth of the messages were refused.
@@ -97,7 +98,7 @@ class ProblemLog:
             refused = self.refused(name)
             count = rows + sum(self.counts[name, reason] for reason in NO_ROW)
             if rows >= _ENOUGH and refused > _MANY * count:
-                newest = [text for key, text in self.words.items() if key[0] == name][-1]
+                newest = [text for key, text in self.words.items() if self._refuses(name, key)][-1]
                 found.append(
                     f"{name}: {refused / count:.0%} of the messages are refused (newest: {newest})"
                 )

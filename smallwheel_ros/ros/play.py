@@ -173,14 +173,20 @@ class _Player:
         )  # answers there were when it was waited for another one that did not come
 
     def __enter__(self) -> _Player:
-        self._stack = ExitStack()
-        self._reader = self._stack.enter_context(BagReader(self._bag))
+        with ExitStack() as stack:
+            self._open(stack)
+            self._stack = stack.pop_all()
+        return self
+
+    def _open(self, stack: ExitStack) -> None:
+        """Open the bag, and create the ROS node with its publishers; `stack` closes them."""
+        self._reader = stack.enter_context(BagReader(self._bag))
         rclpy.init(args=[])
-        self._stack.callback(rclpy.try_shutdown)
+        stack.callback(rclpy.try_shutdown)
         self._node = Node("smallwheel_player")
-        self._stack.callback(self._node.destroy_node)
+        stack.callback(self._node.destroy_node)
         self._executor = SingleThreadedExecutor()
-        self._stack.callback(self._executor.shutdown)
+        stack.callback(self._executor.shutdown)
         self._executor.add_node(self._node)
         self._ticks = self._node.create_publisher(Clock, "/clock", _RELIABLE)
         topics = [topic for topic in self._reader.topics if topic.name != "/clock"]
@@ -193,7 +199,6 @@ class _Player:
                     publisher = self._node.create_publisher(kind, topic.name, _RELIABLE)
                     self._publishers[topic.name] = publisher
         self._wheels = [topic.name for topic in topics if topic.type == _SINKAGE]
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()

@@ -114,6 +114,19 @@ def test_sunk_to_the_axle_is_a_status() -> None:
     assert solved.sinkage[1] / solved.sinkage[0] == pytest.approx(1.0, abs=1e-8)
 
 
+@pytest.mark.parametrize("n", [0.3, 0.9, 1.6])
+@pytest.mark.parametrize("over", [1.0 + 1e-3, 3.0, 300.0])
+def test_slopes_beyond_the_axle_are_those_of_the_sinkage_given_there(n: float, over: float) -> None:
+    d, b, modulus, h = 0.2, 0.1, 1e6, 1e-6
+    load = over * float(contact_load(d / 2, d, b, modulus, n))
+    solved = contact_sinkage(load, d, b, modulus, n)
+    by_load = contact_sinkage(load * np.exp([-h, h]), d, b, modulus, n)
+    by_n = contact_sinkage(load, d, b, modulus, [n - h, n + h])
+    assert solved.sunk_to_axle & by_load.sunk_to_axle.all() & by_n.sunk_to_axle.all()
+    slopes = (np.diff(np.log(each.sinkage))[0] / (2 * h) for each in (by_load, by_n))
+    np.testing.assert_allclose([solved.slope_load, solved.slope_exponent], [*slopes], rtol=1e-6)
+
+
 def test_shape_integral_at_zero_is_a_beta_function() -> None:
     # I(1, 0) = B(1/2, 2) / 2 = 2/3, which (3 - n)/3 meets at n = 1 and nowhere else
     assert shape_integral(1.0, 0.0).value == pytest.approx(2 / 3, rel=1e-15)

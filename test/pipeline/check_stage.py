@@ -229,7 +229,7 @@ def _chain(believed: BelievedRows) -> _Chain | None:
         return None
     pipeline = Pipeline(believed.settings)
     closed, loads = stretches(pipeline.stretches, rows, believed.settings)
-    version, newest = pipeline.soils.take(closed, rows, believed.anew)
+    version, first_soil = pipeline.soils.take(closed, rows, believed.anew)
     made = steps(
         pipeline.steps, rows, loads.load, loads.load_std, version, pipeline.soils, believed.settings
     )
@@ -237,7 +237,7 @@ def _chain(believed: BelievedRows) -> _Chain | None:
     ends = none if made is None else pipeline.strengths.take(made, believed.anew)
     strength = np.searchsorted(ends, rows.stamp)
     refused = np.zeros(len(rows), dtype=np.int64)
-    ground = OnGround(loads.load, loads.load_std, version, newest, strength, refused)
+    ground = OnGround(loads.load, loads.load_std, version, first_soil, strength, refused)
     judged = Judgement(believed.settings).take(rows, believed)
     return _Chain(pipeline, rows, closed, ground, made, judged)
 

@@ -162,3 +162,22 @@ def test_what_replay_writes_is_read_by_ros_itself(
         for name, value in fields(message.message).items():
             if name not in ("stamp", "frame_id"):
                 np.testing.assert_array_equal(getattr(read, name), value, err_msg=name)
+
+
+def test_a_player_that_cannot_begin_leaves_ros_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next drive in this process can be played all the same."""
+    import rclpy
+
+    from smallwheel_ros.ros import play
+
+    def fails(_: str) -> None:
+        raise LookupError("no such type")
+
+    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=2.0)), tmp_path / "bag")
+    monkeypatch.setattr(play, "message_class", fails)
+    for _ in range(2):
+        with pytest.raises(LookupError, match="no such type"):
+            play.drive_through(tmp_path / "bag")
+        assert not rclpy.ok()

@@ -238,7 +238,7 @@ class AnotherUnit:
         least, most = _UNIT_NEAR
         near = [u for u, f in units.items() if least < middle / f < most]
         # Wheels that spin on the spot exceed 1 as well; driven wheels do not skid by so much.
-        if scatter > UNIT_SCATTER * middle or (middle > 1.0 and not near):
+        if not scatter <= UNIT_SCATTER * middle or (middle > 1.0 and not near):
             return []
         if middle > 1.0 and len(ratio) < UNIT_SURE:
             return []

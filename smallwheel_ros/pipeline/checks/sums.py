@@ -71,7 +71,7 @@ class Run:
 
     def __init__(self) -> None:
         self.now = self.most = 0.0
-        self.began = np.nan
+        self.began = self._since = np.nan  # the latter: of the sum in progress
 
     def extend(self, flag: Flags, amount: Array, time: Array) -> None:
         """Continue with the rows of a span.
@@ -86,24 +86,25 @@ class Run:
             Stamps of the rows, shape (rows,), s.
         """
         if not flag.size:
-            self.most = self.now
+            self.most, self.began = self.now, self._since if self.now > 0.0 else np.nan
             return
         total = self.now + np.cumsum(np.where(flag, amount, 0.0))
         base = np.maximum.accumulate(np.where(flag, 0.0, total))
         running = np.where(flag, total - base, 0.0)
+        first = np.maximum.accumulate(np.where(flag, 0, np.arange(1, flag.size + 1)))
+        before = time[0] if np.isnan(self._since) else self._since
+        since = np.where(first > 0, time[np.minimum(first, flag.size - 1)], before)
         peak = int(np.argmax(running))
-        before = np.flatnonzero(~flag[: peak + 1])
-        if before.size or np.isnan(self.began):
-            self.began = float(time[min(before[-1] + 1, flag.size - 1) if before.size else 0])
         self.most, self.now = float(running[peak]), float(running[-1])
-        if self.now == 0.0 and not self.most > 0.0:
-            self.began = np.nan
+        self.began = float(since[peak]) if self.most > 0.0 else np.nan
+        self._since = float(since[-1]) if flag[-1] else np.nan
 
 
 class Pieces:
     """Sums of columns over pieces of path; a row belongs to the piece in which it ends.
 
-    The newest `MOST_PIECES` pieces are kept.
+    A piece in which no row ends, because one spans it from end to end, is left out. The newest `MOST_PIECES`
+    pieces are kept.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ class Pieces:
 
     def __init__(self, metres: float, columns: int) -> None:
         self.metres, self._way = metres, 0.0
-        self._open = np.zeros(columns)
+        self._open, self._begun = np.zeros(columns), False
         self._rows: deque[Array] = deque(maxlen=MOST_PIECES)
 
     def extend(self, way: Array, columns: Array) -> None:
@@ -136,8 +137,11 @@ class Pieces:
         sums = np.zeros((count + 1, columns.shape[1]))
         np.add.at(sums, piece, columns)
         sums[0] += self._open
-        self._open, self._way = sums[count], float(total[-1]) - count * self.metres
-        self._rows.extend(sums[:count])
+        begun = np.bincount(piece[way > 0.0], minlength=count + 1) > 0
+        begun[0] |= self._begun
+        self._open, self._begun = sums[count], bool(begun[count])
+        self._way = float(total[-1]) - count * self.metres
+        self._rows.extend(sums[:count][begun[:count]])
 
     def __len__(self) -> int:
         return len(self._rows)

@@ -305,6 +305,7 @@ class Streams:
             Number of messages that had it.
         """
         self.problems[name, reason] += times
+        self.words.pop((name, reason), None)  # the newest is the last
         self.words[name, reason] = text
 
     # --- Up to when all is there

@@ -38,7 +38,7 @@ from smallwheel_ros.pipeline.warning.judgement import Judged
 from smallwheel_ros.pipeline.warning.margin import is_prior, risk_ahead
 
 from .status import Condition, status_of
-from .wheel import Predicted, mobility
+from .wheel import SUNK, Predicted, mobility
 
 STALE = 2 * SECOND  # ns, after which a wheel's margin does not count for the vehicle
 # A sinkage is compared with the median of the 7 newest ones, and is far off from 3 deviations of the sensor
@@ -61,8 +61,8 @@ class OnGround(Loads):
         Load without its cell's noise, and its standard deviation, N.
     soil_version
         Number of the version of the soil under the wheel.
-    newest
-        Number of the version of the soil that the first wheels are on.
+    first_soil
+        Number of the soil that the first wheels are on.
     strength_version
         Number of the version of the strength.
     refused
@@ -70,7 +70,7 @@ class OnGround(Loads):
     """
 
     soil_version: Integers
-    newest: Integers
+    first_soil: Integers
     strength_version: Integers
     refused: Integers
 
@@ -98,7 +98,8 @@ class AnswerState:
     ----------
     newest
         Newest row of each wheel with a margin by soil and strength, by number: stamp (ns), load (N), median
-        of the margin, standard deviation of its lower half, and its gain beyond the reference slip.
+        of the margin, standard deviation of its lower half, and its gain beyond the reference slip. The
+        median of a wheel that is sunk to its axle is `SUNK`.
     shown
         Newest measured sinkages of each wheel, m, by number.
     risk
@@ -151,10 +152,9 @@ def answer(
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of, newest = (
-        [soils[one] for one in numbers.tolist()] for numbers in (soil_version, ground.newest)
-    )
+    of = [soils[one] for one in soil_version.tolist()]
     measured = np.array([version.accepted > 0 for version in of])
+    by_law = measured | strengths.measured  # also one from a model file
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
         rows.take(loaded), loads.load[loaded], loads.load_std[loaded], soil_version[loaded],
@@ -179,14 +179,20 @@ def answer(
         Condition.LOAD_MISSING: ~np.isfinite(loads.load),
         Condition.NOTHING_PREDICTED: np.isfinite(loads.load)
         & ~can.sunk & ~predicted & ~waits & (measured | (not settings.law_unknown)),
-        Condition.SUNK_TO_AXLE: can.sunk & measured,
+        Condition.SUNK_TO_AXLE: can.sunk & by_law,
         Condition.LOAD_STATIC: static & np.isfinite(loads.load),
         Condition.DIGS: digging,
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
     pull_known, reserve_told = _known_strength(strengths, strength_version)
     margin, margin_std, median, lower_std, beyond, by_soil, risk = _margins(
-        state, rows, can, judged, measured & reserve_told, strengths.measured, rolls
+        state,
+        rows,
+        can,
+        judged,
+        (measured & reserve_told, can.sunk & by_law),
+        strengths.measured,
+        rolls,
     )
     has[Condition.MARGIN_OF_PRIOR] = (
         rolls & (not strengths.measured) & is_prior(margin_std, settings.reference_slip)
@@ -197,7 +203,6 @@ def answer(
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-    numbers = [soil.number for soil in newest]
     columns = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     columns |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
@@ -211,7 +216,7 @@ def answer(
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2),
         margin_median=median, margin_lower_std=lower_std, margin_beyond=beyond, demand=judged.asked,
         risk=risk, digging_in=digging, spins=judged.spins,
-        elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
+        elsewhere=np.array([v.number for v in of], dtype=np.int64) != ground.first_soil,
         margin_by_soil=by_soil,
         rejected=ground.refused + np.array([v.outliers for v in of], dtype=np.int64),
         soil_version=soil_version, strength_version=strength_version,
@@ -262,46 +267,61 @@ def _does_not_fit(
 
 
 def _margins(
-    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, told: Flags, measured: bool,
-    rolls: Flags,
+    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, masks: tuple[Flags, Flags],
+    measured: bool, rolls: Flags,
 ) -> tuple[Array, Array, Array, Array, Array, Flags, Array]:  # fmt: skip
     """Choose the margin of each row, and compute its risk.
 
-    told: mask of the rows for which the soil's law was measured, and its strength narrowed by some
-    measurement. The deviations of both margins are honest, so the margin with the smaller one is closer:
-    that of any ground is the mean of a belief with a long upper half, and is too high for as long as little
-    is known. measured: whether the strength is from a model file, as measured; then the margin is the
-    filter's from the start. rolls: mask of the rows of rolling wheels; of others all is NaN.
+    masks: of the rows for which the soil's law was measured, and its strength narrowed by some measurement;
+    and of those whose wheel is sunk to its axle by a measured law. The deviations of both margins are
+    honest, so the margin with the smaller one is closer: that of any ground is the mean of a belief with a
+    long upper half, and is too high for as long as little is known. measured: whether the strength is from a
+    model file, as measured; then the margin is the filter's from the start. rolls: mask of the rows of
+    rolling wheels; of others all is NaN.
+
+    A wheel that is sunk to its axle has no margin of its own. It counts as `SUNK` in the vehicle's risk,
+    which is that of all rows as long as such a wheel's newest row is at most 2 s old.
 
     Returns seven columns: margin, its standard deviation, its median, standard deviation of its lower half,
     its gain from the reference slip to the slip at which the vehicle no longer moves, whether it is the
     strength filter's, and the risk.
     """
+    told, sunk = masks
     by_filter = told & ~(can.margin_std >= judged.margin_std)
     by_filter = (by_filter | measured) & np.isfinite(can.margin)
-    by_filter |= can.sunk
-    margin, deviation, median, lower, beyond = (
+    by_filter |= sunk
+    margins = [
         np.where(rolls, np.where(by_filter, ours, of_any), np.nan)
         for ours, of_any in (
             (can.margin, judged.margin), (can.margin_std, judged.margin_std),
             (can.margin, judged.median), (can.margin_std, judged.lower_std),
             (can.beyond, judged.beyond),
         )
-    )  # fmt: skip
+    ]  # fmt: skip
+    shown = [np.where(sunk, np.nan, column) for column in margins]
+    _, _, median, lower, beyond = margins
     risk = judged.risk.copy()
-    known, of_vehicles = np.flatnonzero(by_filter & rolls), []
-    for i in known.tolist():
+    any_sunk = (by_filter & (median == SUNK)).any() or any(
+        one[2] == SUNK for one in state.newest.values()
+    )
+    known, of_vehicles = list[int](), []
+    for i in np.flatnonzero(rolls & (by_filter | any_sunk)).tolist():
         now = int(rows.stamp[i])
-        state.newest[int(rows.wheel[i])] = now, can.load[i], median[i], lower[i], beyond[i]
+        if by_filter[i]:
+            state.newest[int(rows.wheel[i])] = now, can.load[i], median[i], lower[i], beyond[i]
         recent = [one[1:] for one in state.newest.values() if now - one[0] <= STALE]
+        if not by_filter[i] and all(one[1] != SUNK for one in recent):
+            continue
         # All wheels stand on one estimated soil, so their errors are taken to go together.
         load, *of_vehicle = np.array(recent).T
+        known.append(i)
         of_vehicles.append([float(load @ each) / float(load.sum()) for each in of_vehicle])
-    if known.size:
+    if known:
         risk[known] = risk_ahead(judged.asked[known], *np.array(of_vehicles).T)
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
+    margin, deviation, median, lower, beyond = shown
     return margin, deviation, median, lower, beyond, by_filter & rolls, risk
 
 

@@ -40,7 +40,8 @@ from smallwheel_ros.pipeline.warning.margin import information, is_prior
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 from .answer import STALE
-from .status import MarginSource
+from .status import Condition, MarginSource
+from .wheel import SUNK
 
 _PAUSE = 10 * SECOND  # ns: longest time without messages that is filled with estimates
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
@@ -361,7 +362,9 @@ class _Newest:
         self.soil = of.max(axis=0, initial=0)
         self.at_border: Flags = np.asarray(self._of(every.elsewhere, False).any(axis=0))
         by = self._of(every.margin_by_soil, False)
-        known = np.isfinite(self._of(every.margin, np.nan))
+        sunk = self._of(every.conditions, 0) & int(Condition.SUNK_TO_AXLE)
+        self._sunk = by & (sunk > 0)
+        known = np.isfinite(self._of(every.margin, np.nan)) | self._sunk
         self.by_soil = known.any(axis=0) & (by | ~known).all(axis=0)
         energy = self._of(every.energy, np.nan)
         self.energy = energy.sum(axis=0)  # NaN where one is
@@ -379,11 +382,13 @@ class _Newest:
     def margin(self) -> tuple[Array, Array]:
         """Pull of all wheels over their load, and its deviation, (instants,); NaN without any margin.
 
-        Wheels without a margin are left out. Where the load of one is unknown, all have the same weight. All
-        wheels stand on one estimated soil, so their errors are taken to be fully correlated.
+        A wheel that is sunk to its axle counts as `SUNK`; others without a margin are left out. Where the
+        load of one is unknown, all have the same weight. All wheels stand on one estimated soil, so their
+        errors are taken to be fully correlated.
         """
         every = self._every
         margin, spread = self._of(every.margin, np.nan), self._of(every.margin_std, np.nan)
+        margin, spread = np.where(self._sunk, SUNK, margin), np.where(self._sunk, 0.0, spread)
         known = np.isfinite(margin)
         load = self._of(every.load, np.nan)
         weighed = (np.isfinite(load) | ~known).all(axis=0)

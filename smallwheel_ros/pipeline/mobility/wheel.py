@@ -33,12 +33,14 @@ SCATTER, _LEAST_STD = 0.05, 0.15
 _FITTED, _UNFITTED = 0.03, 0.05
 _LEAST_TORQUE = 0.25  # N at the rim: least deviation of a measured torque
 HARDLY_TRAVELS = 0.95  # slip above which energy per metre is not given
+# Margin of a wheel that is sunk to its axle: it pulls nothing, and its whole load has to be dragged along.
+SUNK = -1.0
 _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter: sinkages among which the best is chosen
 
 
 @dataclass(frozen=True)
 class Predicted(Mobility):
-    """Predicted mobility; the margin is that of the strength's filter.
+    """Predicted mobility; the margin is that of the strength's filter, and `SUNK` where the wheel is sunk.
 
     Attributes
     ----------
@@ -106,6 +108,8 @@ def mobility(
     found = dict(zip(names_of_all, np.full((len(names_of_all), count), np.nan), strict=True))
     beyond, unsure = np.zeros(count), np.zeros(count)
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
+    for name, value in (("margin", SUNK), ("margin_std", 0.0), ("beyond", 0.0)):
+        found[name][rolls & on.sunk] = value
     rolls &= ~on.sunk & np.isfinite(on.sinkage) & np.isfinite(reference.sinkage)
     mine = np.flatnonzero(rolls)
     if mine.size:
@@ -215,7 +219,7 @@ def _margins(
     _, most, _ = reserve.forces(at_slip(max(settings.reference_slip, SPINS)), exact_slip=True)
     return {
         "beyond": np.where(on.sunk, 0.0, np.maximum(most.value - pull.value, 0.0) / on.load),
-        "margin": np.where(on.sunk, -1.0, pull.value / on.load),
+        "margin": np.where(on.sunk, SUNK, pull.value / on.load),
         "margin_std": np.where(on.sunk, 0.0, deviation),
     }
 

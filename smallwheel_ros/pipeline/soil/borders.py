@@ -201,9 +201,9 @@ class Soils:
 
         Returns
         -------
-        own, newest : ndarray
-            Numbers of the versions at each row, shape (rows,): of the soil under the wheel, and of the soil
-            that the first wheels are on. Both rest only on stretches that closed before the row.
+        version, first_soil : ndarray
+            At each row, shape (rows,): number of the version of the soil under the wheel, and number of the
+            soil that the first wheels are on. Both rest only on stretches that closed before the row.
         """
         first = self.versions.count - 1
         stamps: list[int] = []  # from which on each new version holds
@@ -504,11 +504,11 @@ class Soils:
         places = np.array([w.longitudinal_position for w in self.wheels])[rows.wheel]
         place = rows.distance + np.where(rows.onward, places, -places)
         since = [self.versions[number] for number in range(first, self.versions.count)]
-        border, old = (
+        border, old, soil = (
             np.array([getattr(one, name) for one in since])[version - first]
-            for name in ("border", "old")
+            for name in ("border", "old", "number")
         )
-        return np.where(place < border, old, version), version
+        return np.where(place < border, old, version), soil
 
     def forget(self, version: Integers) -> None:
         """Drop versions that are not needed any more.

@@ -109,7 +109,8 @@ class Strengths:
         )
         self._balanced = False
         self._soil = soil
-        self._soils: dict[int, list[tuple[Array, Array]]] = {}
+        # By number: strengths of both filters, and excitation.
+        self._soils: dict[int, tuple[list[tuple[Array, Array]], Excitation]] = {}
         self.steps = 0
         self.sources: set[str] = set()
         self.excitation = Excitation()
@@ -288,7 +289,7 @@ class Strengths:
         """Continue on another soil: with its remembered strength, or else with what the last soil implies."""
         filters = self.now, self.reserve
         self._soils.pop(self._soil, None)
-        self._soils[self._soil] = [one.strength for one in filters]
+        self._soils[self._soil] = [one.strength for one in filters], self.excitation
         self._soils = dict(list(self._soils.items())[-REMEMBERED:])
         known = self._soils.get(soil)
         for i, one in enumerate(filters):
@@ -296,7 +297,6 @@ class Strengths:
             if known is None:
                 one.hand_over()
             else:
-                one.strength = known[i]
-        if known is None:
-            self.excitation = Excitation()
+                one.strength = known[0][i]
+        self.excitation = Excitation() if known is None else known[1]
         self._soil = soil

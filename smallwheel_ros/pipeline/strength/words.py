@@ -201,15 +201,18 @@ def _in_words(
             "is the configured one",
         )
     (lightest, heaviest), (least, most) = excitation.load, excitation.slip
-    so_far = f"{steps} steps of the path so far do not suffice"
     words = []
-    slip_varied = most - least > _SAME_SLIP
-    why = so_far if slip_varied else f"slip hardly varied ({least:.2f} to {most:.2f})"
+    so_far = why = f"{steps} steps of the path so far do not suffice"
+    nothing = excitation == Excitation()
+    if nothing:
+        so_far = why = "nothing was measured on the present soil yet"
+    elif most - least <= _SAME_SLIP:
+        why = f"slip hardly varied ({least:.2f} to {most:.2f})"
     if remaining["friction_angle"] > DETERMINED:
         words.append(f"friction angle is not determined: {why}")
     if remaining["cohesion"] > DETERMINED:
         apart = so_far
-        if heaviest <= _SAME_LOAD * lightest:
+        if not nothing and heaviest <= _SAME_LOAD * lightest:
             apart = f"load hardly varied ({lightest:.3g} to {heaviest:.3g} N)"
         words.append(f"cohesion is not determined apart from the friction angle: {apart}")
     if remaining["shear_displacement"] > DETERMINED:

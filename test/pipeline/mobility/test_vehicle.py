@@ -14,8 +14,10 @@ from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import VEHICLE_VALID, vehicle_columns
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.intake.layout import widths_of
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
+from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 
@@ -165,3 +167,34 @@ def test_each_flag_is_set_where_all_is_known_and_goes_with_each_of_its_columns(
             assert not values[0], one
         else:
             assert values[0] == known[one][0], one
+
+
+@pytest.mark.parametrize("mass", [24.0, None], ids=["strength measured", "any ground"])
+@pytest.mark.parametrize("span", [None, SECOND // 3])
+def test_a_wheel_that_sinks_to_its_axle_lowers_the_margin_and_raises_the_risk(
+    mass: float | None, span: int | None
+) -> None:
+    """The soil does not carry 3 kN on one wheel: it pulls nothing, and is dragged along."""
+    dug_in = START + 22 * SECOND
+    rows = [
+        (
+            name,
+            stamp,
+            (3000.0 + values[0],) if name == "rl/load" and stamp > dug_in else values,
+            now,
+        )
+        for name, stamp, values, now in drive(26.0, wave=0.5, oriented=True)
+    ]
+    turns = turns_of(rows, span, **{"vehicle.mass": mass})
+    wheels, found = Estimates.joined([turn.estimates for turn in turns]), joined(turns)
+    sunk = wheels.status == Status.SUNK_TO_AXLE
+    assert set(wheels.wheel[sunk].tolist()) == {2}
+    assert np.isnan(wheels.margin[sunk]).all(), "the wheel's own margin is not known"
+    last = wheels.stamp[sunk].max()
+    before = (found.stamp > START + 10 * SECOND) & (found.stamp < dug_in - SECOND)
+    after = (found.stamp > wheels.stamp[sunk].min() + SECOND) & (found.stamp <= last)
+    assert after.sum() > 5
+    assert (found.margin[before] > 0.0).all()
+    assert (found.margin[after] < 0.0).all(), "nothing pulls 3 kN out"
+    assert (found.risk[before] < 0.5).all()
+    assert (found.risk[after] > 0.9).all()

@@ -23,10 +23,10 @@ from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.mobility.wheel import Predicted, mobility
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.stretches import StretchState, stretches
-from smallwheel_ros.pipeline.strength.steps import StepState, steps
+from smallwheel_ros.pipeline.strength.steps import Excitation, Steps, StepState, steps
 from smallwheel_ros.pipeline.strength.two_filters import Strengths
-from smallwheel_ros.pipeline.strength.words import constants_of
-from smallwheel_ros.pipeline.tables import Array, Integers, Readings
+from smallwheel_ros.pipeline.strength.words import constants_of, strength_of
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Readings
 
 BOTH = "balance and torque"
 
@@ -229,3 +229,45 @@ def test_loads_that_are_all_too_large_are_seen_by_the_mass() -> None:
     truth = drive.drive.truth.load[drive.drive.at(rows.stamp), rows.wheel][late]
     assert np.abs(np.log(weighed.load[late] / truth)).mean() < 0.09
     assert np.abs(np.log(told.load[late] / truth)).mean() > 0.1
+
+
+def test_ranges_are_those_of_the_present_soil_and_come_back_with_it() -> None:
+    """Three soils: the second is rolled over with three times the load, the third without any wheel."""
+    rows, settings = drive_of().rows, drive_of().settings
+    soils = Soils(settings.prior, settings.estimator, (), settings.wheels, settings.mass)
+    none = np.zeros(len(rows), dtype=int)
+    made = steps(StepState(), rows, rows.load, 0.0 * rows.load + 1.0, none, soils, settings)
+    assert made is not None
+    soil = np.arange(made.end.size) * 4 // made.end.size
+    soil[soil == 3] = 0
+    heavy = made.contact.load * np.where(soil[made.step] == 1, 3.0, 1.0)
+    made = replace(made, soil=soil, contact=replace(made.contact, load=heavy))
+    strengths = Strengths(settings.strength, settings.wheels, np.arange(4), settings.mass)
+    ranges = dict[int, Excitation]()
+    for quarter, number in enumerate((0, 1, 2, 0)):
+        mine = np.arange(made.end.size) * 4 // made.end.size == quarter
+        strengths.take(_of_steps(made, mine, with_wheels=number != 2))
+        if quarter == 3:
+            load = heavy[(soil == 0)[made.step]]
+            assert strengths.excitation.load == pytest.approx((load.min(), load.max()))
+            assert strengths.excitation.slip[1] >= ranges[0].slip[1]
+        elif number == 2:
+            status = strength_of(strengths).status
+            assert strengths.excitation == Excitation()
+            assert any("nothing was measured on the present soil yet" in text for text in status)
+            assert "inf" not in "".join(status)
+        ranges[number] = strengths.excitation
+    assert ranges[1].load[0] > ranges[0].load[1]
+
+
+def _of_steps(made: Steps, which: Flags, *, with_wheels: bool) -> Steps:
+    """Some of the steps, with or without the wheels' rows in them."""
+    own = which[made.step] & with_wheels
+    of_steps = ("end", "length", "forward", "force", "force_std", "soil", "level", "unlisted")
+    of_rows = ("wheel", "slip", "slip_std", "torque", "pull", "pull_std", "along")
+    columns = {
+        name: None if vars(made)[name] is None else vars(made)[name][which] for name in of_steps
+    }
+    columns |= {name: vars(made)[name][own] for name in of_rows}
+    step = (np.cumsum(which) - 1)[made.step[own]]
+    return Steps(**columns, step=step, contact=made.contact.take(own))
