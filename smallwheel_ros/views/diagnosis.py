@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from smallwheel_ros.common.result import name_to_draw
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.text import verdict_sentences
@@ -123,9 +124,15 @@ def draw(axes: Axes, found: Diagnosis, channel: str | None = None) -> None:
         The diagnosis.
     channel
         Name of the channel, such as `sinkage`; the first one if not given.
+
+    Raises
+    ------
+    ResultError
+        If there is no such channel.
     """
-    panels = {panel.title: panel for panel in stairs(found.document)}
-    draw_panel(axes, panels[words(channel)] if channel else next(iter(panels.values())))
+    document = found.document
+    panels = dict(zip(_steps_by_channel(document), stairs(document), strict=True))
+    draw_panel(axes, panels[name_to_draw(channel, panels)])
 
 
 def text(found: Diagnosis) -> str:

@@ -194,6 +194,17 @@ def test_results_are_shown_short_and_whole(results: Results) -> None:
     pyplot.close("all")
 
 
+def test_a_channel_that_is_not_there_is_named_beside_those_that_are(
+    results: Results, folder: Path
+) -> None:
+    drawn = (results.fitted, results.compared, results.diagnosed, results.added)
+    for result in (*drawn, sw.read(folder / "rig.csv")):
+        with pytest.raises(sw.Error, match=r"no column .foo. to draw: .*resistance, sinkage"):
+            result.plot(channel="foo")
+        assert isinstance(result.plot(channel="resistance"), Axes)
+    pyplot.close("all")
+
+
 def test_pages_escape_what_comes_from_a_file(folder: Path) -> None:
     table = pd.read_csv(folder / "rig.csv")
     table["soil"] = "<script>"
