@@ -163,7 +163,17 @@ def speed_of(reader: BagReader, topic: str) -> Speed:
 
 
 def first_messages(reader: BagReader, topic: str, most: int = _MOST) -> Iterator[Any]:
-    """Yield the first messages of a topic, `most` of them; in a damaged bag, those before the damage."""
+    """Yield the first messages of a topic; in a damaged bag, those before the damage.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    topic
+        Name of the topic.
+    most
+        Number of messages.
+    """
     with suppress(BagError):
         for message in islice(reader.messages({topic}), most):
             yield message.message
