@@ -73,6 +73,11 @@ def understand(said: str) -> None:
         print(f"understood: {said}", file=sys.stderr, flush=True)
 
 
+def was_given(value: object) -> bool:
+    """Whether an optional argument was given: None and an empty collection stand for one that was not."""
+    return value is not None and value not in ((), [], {})
+
+
 def names_of(text: str) -> tuple[str, ...]:
     """Split a list of names at its commas."""
     return tuple(name.strip() for name in text.split(",") if name.strip())

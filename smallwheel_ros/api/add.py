@@ -26,8 +26,8 @@ def add(
 
     Parameters
     ----------
-    effect : str, Effect or class of effects
-        Its id, as in `slip_sinkage`; the form that fits best is taken.
+    effect : str, Effect (with numbers to start from) or class of effects
+        Its id, of which the form that fits best is taken, or id/form, as `slip_sinkage/exponential`.
     model : Model, Soil, result with a model, name or path, optional
         The model to add it to: a model file, or a soil of the library. Without it: the contact integral
         alone.
@@ -64,7 +64,6 @@ def add(
 
     if data is None:
         raise ArgumentError("data: found nothing, expected the measurements to fit the effect to")
-    wanted = effect if isinstance(effect, str) else getattr(effect, "id", None)
-    if not isinstance(wanted, str):
+    if not isinstance(getattr(effect, "id", effect), str):
         raise ArgumentError(f"effect: found {kind_of(effect)}, expected an effect's id or class")
-    return added(wanted, start_of(read(data), model, effects, without, seed=seed))
+    return added(effect, start_of(read(data), model, effects, without, seed=seed))

@@ -6,7 +6,15 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from smallwheel_ros.api.read import conditions_of
-from smallwheel_ros.arguments import Flag, Headers, OtherSetting, Setting, Sheets, SoilName
+from smallwheel_ros.arguments import (
+    Flag,
+    Headers,
+    OtherSetting,
+    Setting,
+    Sheets,
+    SoilName,
+    was_given,
+)
 from smallwheel_ros.common.errors import ArgumentError
 from smallwheel_ros.measurements.given import Settings
 from smallwheel_ros.measurements.typed import check_setting, levels_of, weighed
@@ -98,6 +106,9 @@ def predict(
         rows = conditions_of(data, map=map, sheet=sheet, **sizes)
         one = rows.conditions.soil is None or soil is not None
         return predict_rows(_on_soil(model, soil, closed_form, effects, one), rows)
+    for name, how in (("map", map), ("sheet", sheet)):
+        if was_given(how):
+            raise ArgumentError(f"{name}: found {how!r} without data: give the table it is about")
     lacking = [name for name in ("load", "diameter", "width") if name not in given]
     if lacking:
         raise ArgumentError(

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """`read`: a table of measurements from a file or a DataFrame."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from smallwheel_ros.arguments import Compliance, Contact, Headers, Sheets, Size
+from smallwheel_ros.arguments import Compliance, Contact, Headers, Sheets, Size, was_given
 from smallwheel_ros.common.errors import ArgumentError, kind_of
 from smallwheel_ros.measurements.given import Data
 from smallwheel_ros.measurements.typed import number_of
@@ -48,10 +49,12 @@ def read(
     Returns
     -------
     Measurements
-        The table in SI units; `data` itself, whatever else is given, where `sw.read` returned it.
+        The table in SI units; `data` itself where `sw.read` returned it.
 
     Raises
     ------
+    ArgumentError
+        If `data` was read before and anything else is given.
     MeasurementsError
         If the table cannot be used; the message names file, row, column, what was found and what was
         expected.
@@ -67,7 +70,8 @@ def read(
     from smallwheel_ros.measurements.measurements import Measurements
 
     if isinstance(data, Measurements):
-        return data
+        sizes = {"diameter": diameter, "width": width, "compliance": compliance}
+        return _as_it_is(data, {"map": map, "sheet": sheet, "contact": contact} | sizes)
     known, said = _in_all_rows(diameter=diameter, width=width, compliance=compliance)
     found = read_measurements(_source(data), map=map, sheet=sheet, contact=contact, **known)
     return replace(found, understood=(*said, *found.understood))
@@ -92,7 +96,7 @@ def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
     from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 
     if isinstance(data, (Measurements, ShearTests)):
-        return data
+        return _as_it_is(data, how)
     known, said = _in_all_rows(**{name: how.pop(name, None) for name in _SIZES})
     found = read_tests(_source(data), **how, **known)
     return replace(found, understood=(*said, *found.understood))
@@ -112,13 +116,25 @@ def conditions_of(data: Any, **how: Any) -> "Measurements":
     from smallwheel_ros.measurements.measurements import Measurements
 
     if isinstance(data, Measurements):
-        return data
+        return _as_it_is(data, how)
     known, said = _in_all_rows(**{name: how.pop(name, None) for name in _SIZES})
     found = read_conditions(_source(data), **how, **known)
     return replace(found, understood=(*said, *found.understood))
 
 
 _SIZES = ("diameter", "width", "compliance")
+_Table = TypeVar("_Table")
+
+
+def _as_it_is(table: _Table, how: Mapping[str, Any]) -> _Table:
+    """Return a table that was read before. Raises ArgumentError where it is to be read in another way."""
+    for name, value in how.items():
+        if was_given(value):
+            raise ArgumentError(
+                f"{name}: found {value!r} for a table that was read before, which stays as it is: give it "
+                "to sw.read with the file"
+            )
+    return table
 
 
 def _in_all_rows(**sizes: float | str | None) -> tuple[dict[str, Any], list[str]]:

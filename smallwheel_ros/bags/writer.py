@@ -127,12 +127,11 @@ class BagWriter:
 
         Raises
         ------
-        KeyError
-            If the type is not one that `message_type` knows.
         BagError
-            If the bag cannot be written.
+            If the type is not known here, or the bag cannot be written.
         """
-        self.write_raw(topic, kind, log_time, typestore().serialize_cdr(message, kind))
+        connection = self._connections.get((topic, kind)) or self.add(topic, kind)
+        self._write(connection, log_time, typestore().serialize_cdr(message, kind))
 
     def write_raw(self, topic: str, kind: str, log_time: int, data: bytes | memoryview) -> None:
         """Write a message that is already serialised.

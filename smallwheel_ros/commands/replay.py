@@ -80,8 +80,7 @@ def replay(
     check_targets([json_file, soil_file], [*bags, config])
     remapped = read_remaps(remaps)
     if only_topics:
-        for bag in bags:
-            _topics(bag, json_file)
+        _topics(bags, json_file)
         return
     if soil_file is not None and (len(bags) > 1 or scheduler is not None or one_map):
         raise click.UsageError(
@@ -105,8 +104,21 @@ def replay(
         _many(specs_of(bags, like), output, jobs, scheduler, json_file, one_map=one_map)
 
 
-def _topics(bag: Path, json_file: str | None) -> None:
-    """Print what is in a bag."""
+def _topics(bags: tuple[Path, ...], json_file: str | None) -> None:
+    """Print what is in the bags; the JSON of several is one document with a list of them."""
+    contents, texts = zip(*map(_content, bags), strict=True)
+    document = contents[0] if len(bags) == 1 else {"schema": SCHEMA, "bags": contents}
+    tell(document, "\n\n".join(texts), json_file)
+    damaged = [content for content in contents if content["damage"]]
+    if damaged and json_file != "-":
+        for content in damaged:
+            of = f"{content['bag']}: " if len(bags) > 1 else ""
+            click.echo(f"{of}damaged: {content['damage']}", err=True)
+        raise SystemExit(1)
+
+
+def _content(bag: Path) -> tuple[dict[str, Any], str]:
+    """What is in a bag, as plain values and as a text."""
     with BagReader(bag) as reader:
         seconds = ((reader.end_time or 0) - (reader.start_time or 0)) / 1e9
         rows = [
@@ -116,10 +128,7 @@ def _topics(bag: Path, json_file: str | None) -> None:
         content: dict[str, Any] = {"bag": str(bag), "duration": seconds, "damage": reader.damage}
         content["topics"] = [topic._asdict() for topic in reader.topics]
     text = text_table(["topic", "type", "messages", "Hz"], rows)
-    tell(content, f"{bag}: {seconds:.1f} s\n\n{text}", json_file)
-    if content["damage"] and json_file != "-":
-        click.echo(f"damaged: {content['damage']}", err=True)
-        raise SystemExit(1)
+    return content, f"{bag}: {seconds:.1f} s\n\n{text}"
 
 
 def _one(spec: ReplaySpec, json_file: str | None) -> None:

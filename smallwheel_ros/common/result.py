@@ -14,7 +14,7 @@ a result looks, with some of these functions:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from importlib import import_module
 from os import PathLike
@@ -157,6 +157,31 @@ class Result:
         assert page is not None, f"a {type(self).__name__} has no page"
         written: list[Path] = page(self).write_pictures(folder)
         return written
+
+
+def name_to_draw(name: str | None, known: Iterable[str]) -> str:
+    """Return the name of a channel or setting to draw, checked.
+
+    Parameters
+    ----------
+    name
+        The name that was asked for; None: the first of those known.
+    known
+        Names of what can be drawn.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be drawn, or nothing can.
+    """
+    names = list(known)
+    if not names:
+        raise ResultError("there is nothing to draw: no channel has a result")
+    if name is None:
+        return names[0]
+    if name not in names:
+        raise ResultError(f"no column '{name}' to draw: {nearest(name, names)}")
+    return name
 
 
 def axes_or_new(axes: Axes | None) -> Axes:

@@ -39,7 +39,6 @@ _LOG = "node.log"
 _PICTURES = ("drive.png", "cost.png")
 _TABLES = ("mobility.csv", "soil.csv")
 _BAND = 1.96  # standard deviations: 95 %
-_RISKY = 0.5  # risk over the first level of the warning, at least
 _PAUSE = 1.0  # s without a warning after which it has ended
 
 

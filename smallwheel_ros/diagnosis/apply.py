@@ -17,16 +17,18 @@ from smallwheel_ros.diagnosis.competitors import SETTINGS, Competitor, changed, 
 from smallwheel_ros.diagnosis.held_out import Choose, errors_of, kept
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, Start, diagnosis_of
 from smallwheel_ros.diagnosis.search import Candidate, refit
-from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.effects.base import Effect, EffectError
+from smallwheel_ros.effects.registry import Registry, is_of_column
 from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.constants import WINDOW
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors, ErrorComparison, compare_cv
+from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
 from smallwheel_ros.measurements.display import probability_text, shown_value, words
 from smallwheel_ros.measurements.measurements import Measurements
+from smallwheel_ros.model.given import AnyEffect, effects_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +43,7 @@ class Added(Result, shown="views.added"):
     Attributes
     ----------
     effect, form
-        Id of the effect, and the form of it that fits best.
+        Id of the effect, and its form: the one asked for, or else the one that fits best.
     fit
         The model with the effect, fitted to all runs.
     before, after
@@ -127,15 +129,16 @@ class Added(Result, shown="views.added"):
         return super()._writers() | self.model._writers()
 
 
-def added(effect: str, start: Start) -> Added:
-    """Add one effect to a model, in the form that fits best, and fit all parameters again.
+def added(wanted: AnyEffect, start: Start) -> Added:
+    """Add one effect to a model, and fit all parameters again.
 
     The same data is also diagnosed, to judge whether the effect is recommended.
 
     Parameters
     ----------
-    effect
-        Id of the effect.
+    wanted
+        Id of the effect, of which the form that fits best is taken; or one form of it: id/form, a class, or
+        an effect, with numbers to start from.
     start
         Measurements, base model and effects.
 
@@ -151,16 +154,21 @@ def added(effect: str, start: Start) -> Added:
     FittingError
         If nothing usable was measured.
     """
-    measurements, known = start.measurements, start.registry
-    _check_column(effect, measurements, known)
-    wanted = _forms_of(effect, Problem.of(measurements, start.base), known)
+    measurements = start.measurements
+    effect = wanted.partition("/")[0] if isinstance(wanted, str) else wanted.id
+    _check_column(effect, measurements, start.registry)
+    asked = None
+    if wanted != effect:
+        (asked,) = effects_of(wanted, measurements.conditions, start.registry)
+        start = replace(start, registry=_with_class_of(asked, start.registry))
+    forms = _forms_of(effect, Problem.of(measurements, start.base), start.registry, asked)
     judged = diagnosis_of(start)
     problem = judged.problem
-    model, before, after = _step(effect, judged, wanted)
+    model, before, after = _step(effect, judged, forms, whole=asked is None)
     change = compare_cv(before, after)
     recommended, reason = _recommended(effect, judged, change)
     named = model.competitors if isinstance(model, Candidate) else ()
-    form = next((c for c in named if c.family == effect), wanted[0])
+    form = next((c for c in named if c.family == effect), forms[0])
     return Added(
         effect,
         form.geometry or form.form,
@@ -174,14 +182,14 @@ def added(effect: str, start: Start) -> Added:
 
 
 def _step(
-    effect: str, judged: Diagnosis, forms: Sequence[Competitor]
+    effect: str, judged: Diagnosis, forms: Sequence[Competitor], *, whole: bool
 ) -> tuple[Fit, CvErrors, CvErrors]:
     """Return the model with the effect, and the held-out errors without and with it.
 
     Where the diagnosis adds the effect to the base as its first step, these are that step's, so that both
-    commands report the same error.
+    commands report the same error. whole: `forms` are all forms of the effect, as in the diagnosis.
     """
-    if len(judged.steps) > 1 and judged.steps[1].added == effect:
+    if whole and len(judged.steps) > 1 and judged.steps[1].added == effect:
         first, second = judged.steps[:2]
         return second.model, first.errors, second.errors
     problem, deciding = judged.problem, judged.problem.judged
@@ -218,15 +226,38 @@ def _check_column(effect: str, measurements: Measurements, registry: Registry) -
     raise EffectError(f"effect '{effect}' cannot be added: {why}")
 
 
-def _forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competitor]:
-    """The forms of an effect that can be fitted to this data. Raises EffectError where none can."""
+def _with_class_of(effect: Effect, registry: Registry) -> Registry:
+    """A registry with the effect's class, if it has no form of that name."""
+    forms = registry.family(effect.id) if effect.id in registry or is_of_column(effect.id) else ()
+    if effect.form in {kind.form for kind in forms}:
+        return registry
+    return registry.with_families({effect.id: (type(effect),)})
+
+
+def _forms_of(
+    effect: str, problem: Problem, registry: Registry, asked: Effect | None
+) -> list[Competitor]:
+    """The forms of an effect that can be fitted to this data, or the one asked for, from its numbers on.
+
+    Raises EffectError where none can.
+    """
     registry.family(effect)  # says what exists where there is none
     field = field_of(problem.points, problem.vector.model(problem.vector.start), registry)
     found = [c for c in field.competitors if c.family == effect]
     if not found:
         reason = field.blocked.get(effect, "its column is not there")
         raise EffectError(f"effect '{effect}' cannot be fitted to this data: {reason}")
-    return found
+    if asked is None:
+        return found
+    one = next((c for c in found if c.form == asked.form), None)
+    if one is None:
+        reason = asked.objection(problem.points.conditions) or "it does not act on it"
+        others = ", ".join(c.form for c in found)
+        raise EffectError(
+            f"effect '{effect}/{asked.form}' cannot be fitted to this data: {reason} (these can: {others})"
+        )
+    priors = {p.field: p.prior for p in one.part.parameters}
+    return [replace(one, effect=asked, part=part_of(asked, priors, one.part.replaces))]
 
 
 @dataclass(frozen=True)

@@ -156,13 +156,16 @@ class Stage(NamedTuple):
     stands_for
         Methods of effects of which the curve is the most general form.
     unit
-        Unit of a curve that is added to the value; `1` for a factor.
+        Unit of a curve that is added to the value, `1` for a share of the load; `1` for a factor.
+    adds
+        What a curve of 1 adds, in sizes of the curve (`Curve.size`) or loads; 0 for a factor.
     """
 
     method: str
     acts: Callable[..., Array]
     stands_for: tuple[str, ...]
     unit: str = "1"
+    adds: float = 0.0
 
 
 STAGES = {
@@ -175,11 +178,11 @@ STAGES = {
     # resistance alone, as a share of what compaction costs
     "resistance": Stage("added_resistance", _work, ("added_resistance", "measured_resistance")),
     # something drags besides compaction: a force that is a share of the load
-    "drag": Stage("added_resistance", _drag, ("added_resistance",)),
+    "drag": Stage("added_resistance", _drag, ("added_resistance",), adds=_DRAG),
     # the same, whatever the load
-    "force": Stage("measured_resistance", _force, ("measured_resistance",), "N"),
+    "force": Stage("measured_resistance", _force, ("measured_resistance",), "N", _DRAG),
     # the wheel's height is shown wrong, or lifted, by a length
-    "height": Stage("measured_sinkage", _height, ("measured_sinkage",), "m"),
+    "height": Stage("measured_sinkage", _height, ("measured_sinkage",), "m", 1.0),
     # pressure is no power of depth; middle, half of the span: of ln depth
     "pressure": Stage("pressure_factor", _depth, ("pressure_factor",)),
 }
@@ -284,7 +287,8 @@ def curve_shown(
     -------
     dict
         `setting` and `stage`, and arrays of shape (25,): `x` (the setting, SI) and `factor`, `low`, `high`,
-        exp of `Curve.log_factor` and of its band.
+        exp of `Curve.log_factor` and of its band. At a stage where the curve is added, `added` in place of
+        `factor`, with `low` and `high` in its `unit`: N, m, or 1 for a share of the load.
     """
     mine = values if not span.side else values[span.side * (values - span.middle) >= 0]
     x = np.linspace(float(mine.min()), float(mine.max()), _POINTS, dtype=np.float64)
@@ -292,7 +296,12 @@ def curve_shown(
     basis = np.column_stack([_series({p.field: 1.0}, span, u) for p in part.parameters])
     middle = basis @ fit.theta[at]
     spread = 1.96 * np.sqrt(np.einsum("ij,jk,ik->i", basis, fit.covariance[np.ix_(at, at)], basis))
-    return {
-        "setting": span.column, "stage": stage, "x": x, "factor": np.exp(middle),
-        "low": np.exp(middle - spread), "high": np.exp(middle + spread),
-    }  # fmt: skip
+    band = {"low": middle - spread, "high": middle + spread}
+    kind, found = STAGES[stage], {"setting": span.column, "stage": stage, "x": x}
+    if not kind.adds:
+        return found | {n: np.exp(c) for n, c in ({"factor": middle} | band).items()}
+    made = part.build({})
+    assert isinstance(made, Curve)  # as `curve_part` makes it
+    scale = kind.adds * made.size
+    shown = {n: scale * c for n, c in ({"added": middle} | band).items()}
+    return found | {"unit": kind.unit} | shown

@@ -29,6 +29,8 @@ _CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, f
 # is rounding and the motion between two messages; for cameras, lidars and GNSS it is several hundredths.
 _OF_WHEELS = 0.01
 _LEAST = 50  # instants of driving, under which nothing is reported
+# s between two speeds of a joint that a line connects: joint states come at 4 Hz or more
+_GAP = 0.25
 _BASE = 1.0  # s between two places whose difference is a speed
 _FAR = 4.0  # path of the rims over that of the vehicle: no drive has such a slip throughout
 _NEAR = (
@@ -94,7 +96,7 @@ def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
         Name of the topic.
     """
     told: dict[str, list[tuple[int, float, float, bool]]] = {}
-    for states in _first(reader, topic):
+    for states in first_messages(reader, topic):
         stamp = states.header.stamp.sec * SECOND + states.header.stamp.nanosec
         count = len(states.name)
         velocities, positions = (
@@ -139,7 +141,7 @@ def speed_of(reader: BagReader, topic: str) -> Speed:
         Name of the topic.
     """
     rows = []
-    for odometry in _first(reader, topic):
+    for odometry in first_messages(reader, topic):
         place, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
         yaw = math.atan2(
             2.0 * (turn.w * turn.z + turn.x * turn.y),
@@ -160,15 +162,40 @@ def speed_of(reader: BagReader, topic: str) -> Speed:
     return Speed(times, ahead / np.maximum(span, 1e-9), by_pose=True)
 
 
-def _first(reader: BagReader, topic: str) -> Iterator[Any]:
-    """Yield the first messages of a topic; in a damaged bag, those before the damage."""
+def first_messages(reader: BagReader, topic: str, most: int = _MOST) -> Iterator[Any]:
+    """Yield the first messages of a topic; in a damaged bag, those before the damage.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    topic
+        Name of the topic.
+    most
+        Number of messages.
+    """
     with suppress(BagError):
-        for message in islice(reader.messages({topic}), _MOST):
+        for message in islice(reader.messages({topic}), most):
             yield message.message
 
 
 def _seconds(stamp: Any) -> float:
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+
+
+def _filled(times: Array, speeds: Array) -> Array:
+    """Speeds of a joint, NaN where it has none, with straight lines between those at most `_GAP` apart.
+
+    Wheels may come in messages of their own, with stamps of their own.
+    """
+    known = np.isfinite(speeds)
+    at = times[known]
+    if at.size < 2:
+        return speeds
+    after = np.clip(np.searchsorted(at, times), 1, at.size - 1)
+    near = at[after] - at[after - 1] <= _GAP
+    filled = np.interp(times, at, speeds[known], math.nan, math.nan)
+    return np.where(~known & near, filled, speeds)
 
 
 def _together(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> tuple[Array, Array]:
@@ -178,6 +205,8 @@ def _together(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> tuple[Arr
     if len(speed.times) < 2 or not len(joints.times):
         return turned[:0], np.empty(0)
     inside = (joints.times >= speed.times[0]) & (joints.times <= speed.times[-1])
+    inside &= np.isfinite(turned).any(axis=1)  # of no other joint of the topic
+    turned = np.column_stack([_filled(joints.times, one) for one in turned.T])
     inside &= np.isfinite(turned).all(axis=1)
     values = np.interp(joints.times, speed.times, speed.values)
     usual = math.sqrt(float(np.mean(values[inside] ** 2))) if inside.any() else 0.0
@@ -286,7 +315,7 @@ def upright(reader: BagReader, topic: str) -> tuple[int, str]:
     topic
         Name of the topic.
     """
-    felt = [m.linear_acceleration for m in _first(reader, topic)]
+    felt = [m.linear_acceleration for m in first_messages(reader, topic)]
     table = np.array([(f.x, f.y, f.z) for f in felt], dtype=float).reshape(-1, 3)
     if not len(table):
         return 0, "none of its messages can be read"

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import islice
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.node_parameter import Value
+from smallwheel_ros.init.recorded import first_messages
 from smallwheel_ros.onboard.wheel_names import best_match, words_of
 
 # Words in the names of joints that steer (`joint_STR_LF`).
@@ -18,6 +18,8 @@ _LOOKED_AT = 20  # messages of a topic: joint states come in parts
 def joints_of(reader: BagReader, topics: list[str]) -> dict[str, list[str]]:
     """Names of the joints in the first messages of each topic, by topic, in their order of appearance.
 
+    In a damaged bag these are messages before the damage.
+
     Parameters
     ----------
     reader
@@ -27,8 +29,8 @@ def joints_of(reader: BagReader, topics: list[str]) -> dict[str, list[str]]:
     """
     found: dict[str, list[str]] = {}
     for topic in topics:
-        messages = islice(reader.messages({topic}), _LOOKED_AT)
-        names = [str(name) for one in messages for name in one.message.name]
+        messages = first_messages(reader, topic, _LOOKED_AT)
+        names = [str(name) for one in messages for name in one.name]
         found[topic] = list(dict.fromkeys(names))
     return found
 

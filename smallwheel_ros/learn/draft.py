@@ -173,7 +173,9 @@ def class_text(
         What the effect does, in a sentence.
     """
     columns = sorted(law.columns)
-    others = "1 other formula fits" if tied == 2 else f"{tied - 1} other formulas fit"
+    others = {1: "no other formula fits", 2: "1 other formula fits"}.get(
+        tied, f"{tied - 1} other formulas fit"
+    )
     data = f"{Path(measurements.source).name}, " if measurements.source else ""
     return _CLASS.format(
         title="".join(part.title() for part in name.split("_")),

@@ -277,7 +277,8 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
     """Join several tables of one lab (a file for each plate, one for the wheel), rows in order.
 
     A covariate that one table lacks is left out if that table has rolling wheels, else it is NaN in
-    that table's rows. Runs of one name in two tables stay different runs. Labels are dropped.
+    that table's rows. Runs of one name in two tables stay different runs. Labels are dropped. Of a column
+    that was written in several units, `written_units` has that of the first table.
     """
     if len(tables) == 1:
         return tables[0]
@@ -312,6 +313,7 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
         declared_std=all_columns(lambda t: t.declared_std),
         labels={},
         units={name: unit for table in tables for name, unit in table.units.items()},
+        written_units={n: unit for t in reversed(tables) for n, unit in t.written_units.items()},
         runs_given=all(t.runs_given for t in tables),
         wheels_given=all(t.wheels_given for t in tables),
         warnings=tuple(w for t in tables for w in t.warnings),
@@ -321,12 +323,17 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
 
 
 def joined_rows(tables: Sequence[Any]) -> dict[str, Any]:
-    """Columns `run` and `line` of the rows of several tables, and a joint `source` and `sha256`, by name.
+    """Fields of several tables that are joined in one way, whatever the tables are of, by name.
 
-    If a run's name occurs in several tables, the name of the file or the table's number is put before all.
+    These are `run` and `line` of their rows, a joint `source` and `sha256`, and `understood`, each sentence
+    with its file or the table's number. If a run's name occurs in several tables, the name of the file or the
+    table's number is put before all.
     """
     names = [name for table in tables for name in set(table.run.tolist())]
     run = [table.run for table in tables]
+    files = [Path(table.source).name for table in tables]
+    if len(set(files)) < len(files):
+        files = [f"table {i + 1}" for i in range(len(files))]
     if len(set(names)) < len(names):
         stems = [Path(table.source).stem for table in tables]
         stems = stems if len(set(stems)) == len(stems) else [str(i + 1) for i in range(len(stems))]
@@ -335,6 +342,11 @@ def joined_rows(tables: Sequence[Any]) -> dict[str, Any]:
         "run": np.concatenate(run),
         "line": np.concatenate([table.line for table in tables]),
         "source": ", ".join(table.source for table in tables),
+        "understood": tuple(
+            f"{name}: {line}"
+            for name, table in zip(files, tables, strict=True)
+            for line in table.understood
+        ),
         "sha256": hashlib.sha256(" ".join(t.sha256 for t in tables).encode()).hexdigest(),
     }
 

@@ -144,7 +144,9 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
     )
 
 
-def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
+def effects_of(
+    given: Effects, conditions: Conditions, known: Registry | None = None
+) -> list[Effect]:
     """Turn an argument that stands for effects into the effects from which a fit starts.
 
     Parameters
@@ -154,6 +156,8 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
     conditions
         Conditions of the measurements, from which a constant that only scales an effect, such as a reference
         speed, is set (`Effect.suited_to`), unless the user gave the effect as an instance.
+    known
+        Effects that an id may name; those of the package and of installed packages if not given.
 
     Returns
     -------
@@ -171,7 +175,7 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
     listed: list[Any] = (
         [given] if isinstance(given, (str, Effect, type)) else list_of("effects", given)
     )
-    known, made = default_registry(), []
+    known, made = known or default_registry(), []
     for one in listed:
         if isinstance(one, str) and one.endswith(".py"):
             theirs = load_effects(one)

@@ -220,6 +220,20 @@ class CalibratedModel(Model):
         for name, value in known.items():
             object.__setattr__(self, name, value)
 
+    def __eq__(self, other: object) -> bool:
+        """Whether all is equal but the provenance, which is for people."""
+        if not isinstance(other, CalibratedModel):
+            return NotImplemented
+        return (
+            self.model == other.model
+            and self.names == other.names
+            and np.array_equal(self.covariance, other.covariance)
+            and self.measured.plain() == other.measured.plain()
+            and self.rivals == other.rivals
+        )
+
+    __hash__ = Model.__hash__
+
     def changed(self, **parts: Any) -> CalibratedModel:
         """A copy with other values for some of the constructor's arguments, given by name."""
         known: dict[str, Any] = {

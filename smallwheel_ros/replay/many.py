@@ -225,11 +225,12 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
         Names of the files written, by their keys in `FILES`.
     """
     target, measured = folder / FILES["estimates_csv"], []
-    for i, outcome in enumerate(outcomes):
+    target.unlink(missing_ok=True)
+    for outcome in outcomes:
         place = Path(outcome.folder)
         for block in pd.read_csv(place / FILES["estimates_csv"], chunksize=100_000, dtype=str):
             block.insert(0, "bag", outcome.name)
-            block.to_csv(target, index=False, mode="a" if i else "w", header=i == 0)
+            block.to_csv(target, index=False, mode="a", header=not target.exists())
         if (place / MEASUREMENTS).exists():
             rows = pd.read_csv(place / MEASUREMENTS, dtype=str)
             named = {name: f"{outcome.name} " + rows[name] for name in ("soil", "run")}

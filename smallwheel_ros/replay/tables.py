@@ -51,6 +51,7 @@ _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
 _STEADY_SLIP, _STEADY_SHARE = 0.1, 0.5
+_KEYS = ["soil", "stretch", "wheel"]
 _DEPTH = 0.5e-3  # m of new depth that make a stretch of a pressed wheel's way
 
 
@@ -451,14 +452,18 @@ class SteadyStretches:
         self._readings.append(table)
         self._waiting += good.size
         if self._waiting >= _BLOCK:
-            self._reduce(self._soil, int(table["stretch"].iloc[-1]) - 1)
+            self._reduce(self._soil)
 
-    def _reduce(self, soil: int, stretch: int) -> None:
-        """Reduce the readings before a stretch of a soil to a row for each wheel and stretch."""
+    def _reduce(self, soil: int) -> None:
+        """Reduce the readings of ended stretches to a row for each wheel and stretch.
+
+        Ended are those of soils before `soil`, and all but each wheel's last: wheels do not count alike.
+        """
         if not self._readings:
             return
         table = pd.concat(self._readings, ignore_index=True)
-        ended = (table["soil"] < soil) | (table["stretch"] < stretch)
+        last = table.groupby(["soil", "wheel"])["stretch"].transform("max")
+        ended = (table["soil"] < soil) | (table["stretch"] < last)
         self._readings = [table[~ended]]
         self._waiting = int((~ended).sum())
         if ended.any():
@@ -470,17 +475,17 @@ class SteadyStretches:
         It has one row for each wheel and stretch, with columns that `smallwheel diagnose` reads; it is empty
         without readings.
         """
-        self._reduce(self._soil + 1, 0)
+        self._reduce(self._soil + 1)
         if not self._done:
             return pd.DataFrame()
-        rows = pd.concat(self._done)
-        # The last stretches before a change of soil: some wheels were on the new one already.
-        last = rows.groupby("soil")["stretch"].transform("max")
-        before_change = (rows["soil"] < self._soil) & (rows["stretch"] >= last - 1)
+        rows = pd.concat(self._done).sort_values(_KEYS, ignore_index=True)
         wheels = [self._wheels[name] for name in rows["wheel"]]
         for name in ("diameter", "width", "contact"):
             rows[name] = [getattr(wheel, name) for wheel in wheels]
         pressed = rows["contact"] == PRESSED
+        # The last stretches before a change of soil: some wheels were on the new one already.
+        last = rows.groupby(["soil", pressed])["stretch"].transform("max")
+        before_change = (rows["soil"] < self._soil) & (rows["stretch"] >= last - 1)
         steady = pressed | ((rows["count"] >= _FEWEST_READINGS) & rows["steady"])
         # With a wrong zero of its sensor a wheel may seem to be above the ground: no table may have that.
         good = steady & ~before_change & rows["sinkage"].between(0.0, rows["diameter"] / 2)
@@ -514,18 +519,17 @@ class SteadyStretches:
 
 def _medians(table: pd.DataFrame, order: list[str]) -> pd.DataFrame:
     """The medians of each stretch and wheel, how well they are known, and whether it is steady."""
-    keys = ["soil", "stretch", "wheel"]
     table = table.assign(wheel=pd.Categorical(table["wheel"], order))
-    groups = table.groupby(keys, observed=True)
-    values = [name for name in table if name not in keys]
+    groups = table.groupby(_KEYS, observed=True)
+    values = [name for name in table if name not in _KEYS]
     quartiles = groups[values].quantile(np.array([0.25, 0.5, 0.75]))
     low, middle, high = (quartiles.xs(share, level=-1) for share in (0.25, 0.5, 0.75))
     rows, count = middle.copy(), groups.size()
     for name in ("sinkage", "drawbar_pull"):
         # The larger of the readings' scatter and of what their sensor states for each.
-        at = pd.MultiIndex.from_frame(table[keys])
+        at = pd.MultiIndex.from_frame(table[_KEYS])
         off = (table[name] - middle[name].reindex(at).to_numpy()).abs()
-        scatter = NORMAL * off.groupby([table[key] for key in keys], observed=True).median()
+        scatter = NORMAL * off.groupby([table[key] for key in _KEYS], observed=True).median()
         rows[f"{name}_std"] = np.maximum(scatter, middle[f"{name}_std"]) / np.sqrt(count)
     same = (high["passes"] == low["passes"]) & (low["passes"] > 0)
     rows["passes"] = high["passes"].where(same)

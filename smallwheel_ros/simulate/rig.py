@@ -342,6 +342,12 @@ def _complete(truth: RigTruth, run: Mapping[str, float]) -> RunSettings:
             check_range(name, value, 1e-4, 1e5)
         if name == "slip":
             check_range(name, value, -0.99, 0.99)
+        if name == "pass_number":
+            check_range(name, value, 1, 1e5)
+            if value != int(value):
+                raise SimulationError(
+                    f"pass_number is {value:g}, expected a whole number, 1 or more"
+                )
     return {**typical, **run}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from smallwheel_ros.common.result import name_to_draw
 from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.measurements.display import sentence, words
 from smallwheel_ros.views.blocks import Block, Callout, Column, Figure, Section, Table, of_channel
@@ -57,11 +58,16 @@ def draw(axes: Axes, found: Added, channel: str | None = None) -> None:
         Result of adding the effect.
     channel
         Name of the channel, such as `sinkage`; the first one if not given.
+
+    Raises
+    ------
+    ResultError
+        If there is no such channel.
     """
     panels = {
         row["channel"]: panel for row, panel in zip(found.rows(), _panels(found), strict=True)
     }
-    draw_panel(axes, panels[channel or next(iter(panels))])
+    draw_panel(axes, panels[name_to_draw(channel, panels)])
 
 
 def _panels(found: Added) -> list[Panel]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from smallwheel_ros.common.result import name_to_draw
 from smallwheel_ros.compare.comparison import Comparison, ModelResult
 from smallwheel_ros.compare.reasons import MISSING
 from smallwheel_ros.compare.shown import comparison_document
@@ -117,8 +118,13 @@ def draw(axes: Axes, found: Comparison, channel: str | None = None) -> None:
         The comparison.
     channel
         Name of the channel, such as `sinkage`; the first one if not given.
+
+    Raises
+    ------
+    ResultError
+        If there is no such channel.
     """
-    draw_panel(axes, _measured_panel(found, channel or found.channels[0]))
+    draw_panel(axes, _measured_panel(found, name_to_draw(channel, found.channels)))
 
 
 def document(found: Comparison) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from smallwheel_ros.common.result import name_to_draw
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.text import verdict_sentences
@@ -64,6 +65,7 @@ _MOST_PANELS = 3
 _SCREEN = 25  # lines that the command prints
 _PROPOSALS = 2  # measurements among them
 _OF_LAW = re.compile(r"\.(k|n|m|log_reference_pressure)\b")
+_CURVES = "The factor, or what is added, over the setting, with its 95 % band."
 _FLOOR = (
     "; expected of a true model: the held-out error that the true model would leave, with the noise of each "
     "row and the scatter from run to run"
@@ -122,9 +124,15 @@ def draw(axes: Axes, found: Diagnosis, channel: str | None = None) -> None:
         The diagnosis.
     channel
         Name of the channel, such as `sinkage`; the first one if not given.
+
+    Raises
+    ------
+    ResultError
+        If there is no such channel.
     """
-    panels = {panel.title: panel for panel in stairs(found.document)}
-    draw_panel(axes, panels[words(channel)] if channel else next(iter(panels.values())))
+    document = found.document
+    panels = dict(zip(_steps_by_channel(document), stairs(document), strict=True))
+    draw_panel(axes, panels[name_to_draw(channel, panels)])
 
 
 def text(found: Diagnosis) -> str:
@@ -236,7 +244,7 @@ def ranking_blocks(document: Document) -> list[Block]:
     blocks: list[Block] = []
     if document["verdict"] == "unknown_effect" and document.get("curves"):
         panels = [_curve(curve) for curve in document["curves"]]
-        blocks.append(Figure("curves", panels, "The factor over the setting, with its 95 % band."))
+        blocks.append(Figure("curves", panels, _CURVES))
     for rows, fitted in ((likely, [r for r in likely if r["status"] != "not_significant"]),
                          (others, others)):  # fmt: skip
         tables: list[Block] = [_ranking(rows, named)] if rows else []
@@ -373,9 +381,15 @@ def _curve(curve: Row) -> Panel:
     """A plot of a fitted curve that stands for no known effect, over the setting that it depends on."""
     across = display(curve["setting"], unit_of(curve["setting"]))
     x = [across.scale * value for value in curve["x"]]
-    none = Layer("line", (x[0], x[-1]), (1.0, 1.0), colour="base")
-    line = Layer("line", x, curve["factor"], curve["low"], curve["high"])
-    return Panel(across.label, f"factor on {curve['stage']}", "", [none, line])
+    if "factor" in curve:
+        middle, idle, scale, label = curve["factor"], 1.0, 1.0, f"factor on {curve['stage']}"
+    else:
+        up = display(curve["stage"], curve["unit"])
+        of_load = " as a share of the load" if curve["unit"] == "1" else ""
+        middle, idle, scale, label = curve["added"], 0.0, up.scale, f"added {up.label}{of_load}"
+    none = Layer("line", (x[0], x[-1]), (idle, idle), colour="base")
+    y, low, high = ([scale * value for value in c] for c in (middle, curve["low"], curve["high"]))
+    return Panel(across.label, label, "", [none, Layer("line", x, y, low, high)])
 
 
 def unknowable_blocks(document: Document) -> list[Block]:

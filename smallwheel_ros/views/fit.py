@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from smallwheel_ros.common.result import name_to_draw
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.display import LAW, shown_value, words
 from smallwheel_ros.views.blocks import (
@@ -112,9 +113,14 @@ def draw(axes: Axes, found: FitResult, channel: str | None = None) -> None:
         The fit.
     channel
         Name of the channel, such as `sinkage`; the first one if not given.
+
+    Raises
+    ------
+    ResultError
+        If there is no such channel.
     """
-    names = list(found.residuals)
-    draw_panel(axes, _panels(found)[names.index(channel) if channel else 0])
+    panels = dict(zip(found.residuals, _panels(found), strict=True))
+    draw_panel(axes, panels[name_to_draw(channel, panels)])
 
 
 def _panels(found: FitResult) -> list[Panel]:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.common.result import ResultError
+from smallwheel_ros.common.result import name_to_draw
 from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.measurements.display import column_display, display, number
 from smallwheel_ros.measurements.measurements import Measurements
@@ -59,10 +58,7 @@ def draw(
         If there is no such channel or setting.
     """
     settings = {"load": data.conditions.load} | dict(varied_settings(data))
-    channel, over = channel or next(iter(data.channels)), over or next(iter(settings))
-    for name, known in ((channel, data.channels), (over, settings)):
-        if name not in known:
-            raise ResultError(f"no column '{name}' to draw: {nearest(name, list(known))}")
+    channel, over = name_to_draw(channel, data.channels), name_to_draw(over, settings)
     across, shown = column_display(data, over), display(channel, unit_of(channel))
     points = Layer("points", settings[over] * across.scale, data.channels[channel] * shown.scale)
     draw_panel(axes, Panel(across.label, shown.label, layers=[points]))

@@ -194,6 +194,17 @@ def test_results_are_shown_short_and_whole(results: Results) -> None:
     pyplot.close("all")
 
 
+def test_a_channel_that_is_not_there_is_named_beside_those_that_are(
+    results: Results, folder: Path
+) -> None:
+    drawn = (results.fitted, results.compared, results.diagnosed, results.added)
+    for result in (*drawn, sw.read(folder / "rig.csv")):
+        with pytest.raises(sw.Error, match=r"no column .foo. to draw: .*resistance, sinkage"):
+            result.plot(channel="foo")
+        assert isinstance(result.plot(channel="resistance"), Axes)
+    pyplot.close("all")
+
+
 def test_pages_escape_what_comes_from_a_file(folder: Path) -> None:
     table = pd.read_csv(folder / "rig.csv")
     table["soil"] = "<script>"
@@ -304,6 +315,35 @@ def test_a_model_file_keeps_its_uncertainty(results: Results, tmp_path: Path) ->
         (lambda: sw.diagnose(DATA, effects=3), "effects: found int, expected a Python file"),
         (lambda: sw.add("slip_sinkage"), "data: found nothing, expected the measurements"),
         (lambda: sw.add(3, data=DATA), "effect: found int, expected an effect's id or class"),
+        (
+            lambda: sw.read(sw.read(DATA), diameter=0.5),
+            "diameter: found 0.5 for a table that was read",
+        ),
+        (lambda: sw.read(sw.read(DATA), map={"load": "F"}), "map: found {'load': 'F'} for a table"),
+        (
+            lambda: sw.predict("dry_sand", data=sw.read(DATA), width=0.2),
+            "width: found 0.2 for a table",
+        ),
+        (
+            lambda: sw.predict("dry_sand", data=sw.read(DATA), sheet="a"),
+            "sheet: found 'a' for a table",
+        ),
+        (
+            lambda: sw.predict("dry_sand", map={"load": "F"}, **WHEEL),
+            "map: found {'load': 'F'} without",
+        ),
+        (
+            lambda: sw.predict("dry_sand", sheet=2, **WHEEL),
+            "sheet: found 2 without data: give the table",
+        ),
+        (
+            lambda: sw.fit(SHEAR, effects="bulldozing"),
+            "effects: found 'bulldozing' with shear tests alone",
+        ),
+        (
+            lambda: sw.fit(SHEAR, geometry="closed_form"),
+            "geometry: found 'closed_form' with shear tests",
+        ),
         (lambda: sw.predict("dry_sand", load="x", diameter=1, width=1), "load: found 'x'"),
         (lambda: sw.predict("dry_sand", load=object(), diameter=1, width=1), "load: found <object"),
         (lambda: sw.predict("dry_sand", load=[], diameter=1, width=1), "load: found no value"),
@@ -324,6 +364,23 @@ def test_a_bad_argument_is_an_error_in_words(
 
 
 DATA = "rig.csv"
+WHEEL = {"load": 40, "diameter": 0.2, "width": 0.1}
+SHEAR = pd.DataFrame({
+    "normal stress [kPa]": np.repeat([5.0, 10.0], 4), "shear displacement [mm]": [2.0, 5.0, 10.0, 30.0] * 2,
+    "shear stress [kPa]": [1.2, 2.2, 2.9, 3.4, 2.2, 4.1, 5.5, 6.4], "run": np.repeat(["a", "b"], 4),
+})  # fmt: skip
+
+
+def test_the_command_refuses_what_it_would_not_use(tmp_path: Path) -> None:
+    path = tmp_path / "shear.csv"
+    SHEAR.to_csv(path, index=False)
+    model = str(tmp_path / "m.yaml")
+    said = CliRunner().invoke(main, ["fit", str(path), "--effects", "bulldozing", "-o", model])
+    assert (said.exit_code, "bulldozing" in said.output) == (2, True), said.output
+    assert not Path(model).exists()
+    wheel = ["--load", "40", "--diameter", "0.2", "--width", "0.1"]
+    said = CliRunner().invoke(main, ["predict", "--soil", "dry_sand", *wheel, "--map", "load=F"])
+    assert (said.exit_code, "without data" in said.output) == (2, True), said.output
 
 
 def test_without_pandas_a_table_says_what_to_do(

@@ -207,6 +207,15 @@ def test_unknown_message_type_is_named():
         message_type("no_msgs/msg/Such")
 
 
+def test_a_message_of_an_unknown_type_is_a_bag_error(tmp_path):
+    with (
+        pytest.raises(BagError, match="/x: the definition of vendor_msgs/msg/Odd"),
+        BagWriter(tmp_path / "odd") as writer,
+    ):
+        writer.write("/x", "vendor_msgs/msg/Odd", 0, object())
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_type_without_definition_is_not_written(tmp_path):
     with pytest.raises(BagError, match="/x: the definition of vendor_msgs/msg/Odd"):
         write_odd(tmp_path / "odd")

@@ -108,6 +108,17 @@ def test_a_damaged_bag_is_listed_with_exit_code_1(cut: Path) -> None:
     assert json.loads(written.stdout)["damage"]
 
 
+def test_topics_of_several_bags_are_one_document(bag: Path, cut: Path, tmp_path: Path) -> None:
+    alone = [json.loads(run(one, "--topics", "--json", "-").stdout) for one in (bag, cut)]
+    printed = run(bag, cut, "--topics", "--json", "-")
+    assert json.loads(printed.stdout)["bags"] == alone
+    done = run(bag, cut, "--topics", "--json", tmp_path / "topics.json")
+    assert json.loads((tmp_path / "topics.json").read_text())["bags"] == alone
+    assert done.exit_code == 1
+    assert f"{cut}: damaged: " in done.stderr
+    assert all(f"{one}: " in done.stdout for one in (bag, cut))
+
+
 def test_a_bag_that_ended_early_is_written_with_exit_code_1(
     cut: Path, rover: Path, tmp_path: Path
 ) -> None:

@@ -6,10 +6,19 @@ Tests `curves.py`.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from smallwheel_ros.diagnosis.curves import STAGES, CurveSpan, curve_part, distinct, spans_of
+from smallwheel_ros.diagnosis.curves import (
+    STAGES,
+    CurveSpan,
+    curve_part,
+    curve_shown,
+    distinct,
+    spans_of,
+)
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
@@ -100,3 +109,39 @@ def test_a_curve_has_as_many_terms_as_settings_were_met() -> None:
     assert (
         distinct(np.array([-0.2, 0.0, 0.25, 0.25, 0.5]), DRIVEN) == 2
     )  # at its anchor it says nothing
+
+
+@pytest.mark.parametrize(
+    ("stage", "unit", "size", "by_hand"),
+    [
+        ("drag", "1", 1.0, {0.0: 0.0, 0.25: 0.01, 0.5: 0.02}),
+        ("force", "N", 40.0, {0.0: 0.0, 0.25: 0.4, 0.5: 0.8}),
+        ("height", "m", 0.012, {0.0: 0.0, 0.25: 0.00048, 0.5: 0.00096}),
+    ],
+)
+def test_what_is_added_is_shown_in_its_unit_and_what_multiplies_as_a_factor(
+    stage: str, unit: str, size: float, by_hand: dict[float, float]
+) -> None:
+    """A coefficient of 0.04 over slips up to 0.5, with a deviation of a quarter of it."""
+    part = curve_part("unknown:slip@x", stage, DRIVEN, 1, 1, size)
+    vector = SimpleNamespace(places=lambda _: np.array([0]))
+    fit = SimpleNamespace(vector=vector, theta=np.array([0.04]), covariance=np.array([[1e-4]]))
+    slips = np.array([0.0, 0.2, 0.5])
+    shown = curve_shown(part, stage, DRIVEN, slips, fit)  # type: ignore[arg-type]
+    assert "factor" not in shown
+    assert shown["unit"] == unit
+    values = np.interp([*by_hand], shown["x"], shown["added"])
+    assert values == pytest.approx([*by_hand.values()], abs=1e-12)
+    assert shown["high"] - shown["added"] == pytest.approx(0.49 * shown["added"], abs=1e-12)
+    # At the far end it is what the model adds to a wheel there.
+    at = conditions(slip=np.array([0.5]))
+    effect = curve(stage, DRIVEN, size, c1=0.04)
+    named = "sinkage" if stage == "height" else "resistance"
+    with_it, without = (
+        getattr(predict(m, at), named) for m in (Model("dry_sand") + effect, Model("dry_sand"))
+    )
+    whole = 60.0 if stage == "drag" else 1.0
+    assert whole * shown["added"][-1] == pytest.approx(float((with_it - without)[0]), rel=1e-6)
+    factor = curve_shown(part, "sinkage", DRIVEN, slips, fit)  # type: ignore[arg-type]
+    assert {*factor} == {"setting", "stage", "x", "factor", "low", "high"}
+    assert factor["factor"][-1] == pytest.approx(np.exp(0.08))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -227,3 +228,15 @@ def test_an_odometry_that_looks_back_shows_no_slip_and_warns_of_nothing(folder: 
     costs = (out / "cost_map.pgm").read_bytes()[-20 * 20 :]
     assert {*costs} <= {0, 255}
     assert unknown["status_text"].str.contains("goes backward|odom is doubted").all()
+
+
+def test_a_damaged_bag_with_few_joint_states_is_set_up_from_what_it_holds(folder: Path) -> None:
+    def few(i: int, states: States) -> list[States]:
+        return [states] if i % 50 == 0 else []
+
+    bag = drive(folder / "damaged", few)
+    inside = next(bag.glob("*.mcap"))
+    os.truncate(inside, int(inside.stat().st_size * 0.9))
+    config = folder / "damaged.yaml"
+    smallwheel("init", bag, "--urdf", folder / "robot.urdf", "-o", config)
+    assert all(f"{wheel}:" in config.read_text() for wheel in robots.CORNERS)

@@ -448,6 +448,14 @@ def test_a_column_of_any_name_makes_no_code(data: Measurements, tmp_path: Path) 
     ]
     path = tmp_path / "law.py"
     path.write_text(file_text([class_text(law, numbers, "odd", hostile, 24, 3, name)]))
+    for tied, words in (
+        (1, "no other formula fits"),
+        (2, "1 other formula fits"),
+        (3, "2 other formulas fit"),
+    ):
+        assert f"24 settings; {words} as well" in class_text(
+            law, numbers, "odd", hostile, 24, tied, name
+        )
     effect = load_effects(path)["odd"][0]()
     assert effect.needs == (name,)
     expected = np.exp(0.2 * np.tanh(column / 0.5))

@@ -19,7 +19,12 @@ from smallwheel_ros.api.fit import fit
 from smallwheel_ros.api.read import read_test
 from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.from_file import read_measurements, read_tests
-from smallwheel_ros.measurements.measurements import Measurements, ShearTests
+from smallwheel_ros.measurements.measurements import (
+    Measurements,
+    ShearTests,
+    joined,
+    joined_shear,
+)
 from smallwheel_ros.model.model_file import read_model
 
 
@@ -242,3 +247,38 @@ def test_a_sign_that_is_the_other_one_is_said(tmp_path: Path, name: str) -> None
     text = "\n".join(["contact,diameter,load,sinkage", *lines, ""])
     with pytest.raises(MeasurementsError, match=f"{name} is under 0 throughout, is its sign"):
         read_measurements(table(tmp_path, text))
+
+
+def test_what_was_understood_in_each_file_stays_when_they_are_joined(tmp_path: Path) -> None:
+    head = "run,{load},diameter [m],width [m],contact,{sinkage}\n"
+    first = head.format(load="load [N]", sinkage="sinkage [m]") + "a,20,0.1,0.1,plate,0.01\n"
+    second = head.format(load="load [kN]", sinkage="Einsinkung [mm]").replace(",", ";")
+    second += "a;0,02;0,1;0,1;plate;10,5\na;0,04;0,1;0,1;plate;14,5\n"
+    files = [table(tmp_path, first, "one.csv"), table(tmp_path, second, "two.csv")]
+    parts = [read_measurements(file) for file in files]
+    assert any("decimal commas" in line for line in parts[1].understood)
+    whole = joined(parts)
+    assert [line for line in whole.understood if line.startswith("two.csv: ")] == [
+        f"two.csv: {line}" for line in parts[1].understood
+    ]
+    assert whole.written_units == {
+        "load": "N", "diameter": "m", "width": "m", "sinkage": "m"}  # fmt: skip
+    assert joined(parts[::-1]).written_units["sinkage"] == "mm"
+
+
+def test_what_was_understood_in_each_table_of_shear_tests_stays(tmp_path: Path) -> None:
+    def one(name: str, columns: str) -> ShearTests:
+        rows = "a;5,0;2,0;1,2\na;5,0;9,0;2,8\na;5,0;30,0;3,4\n"
+        found = read_tests(table(tmp_path, f"{columns}\n{rows}", name))
+        assert isinstance(found, ShearTests)
+        return found
+
+    header = "run;normal stress [kPa];shear displacement [mm];shear stress [kPa]"
+    parts = [one("one.csv", header), one("two.csv", header.replace("run", "Versuch"))]
+    said = joined_shear(parts).understood
+    assert said == tuple(
+        f"{name}: {line}"
+        for name, part in zip(("one.csv", "two.csv"), parts, strict=True)
+        for line in part.understood
+    )
+    assert any("Versuch" in line for line in said)

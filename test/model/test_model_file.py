@@ -85,6 +85,18 @@ MEASURED = Measured(
 )
 
 
+def test_a_calibrated_model_is_equal_in_all_that_it_predicts_with(
+    calibrated: CalibratedModel,
+) -> None:
+    assert calibrated == calibrated.changed(provenance={"date": "another"})
+    assert hash(calibrated) == hash(calibrated.changed(provenance={}))
+    other = calibrated.changed(covariance=2.0 * calibrated.covariance)
+    measured = calibrated.changed(measured=Measured(stiffness=0.7))
+    rivals = calibrated.changed(rivals=[(1.0, calibrated)])
+    for unlike in (CalibratedModel(calibrated.model), other, measured, rivals, calibrated.model):
+        assert calibrated != unlike
+
+
 def test_what_was_measured_and_rivals_come_back(
     tmp_path: Path, calibrated: CalibratedModel
 ) -> None:

@@ -28,6 +28,7 @@ from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.grid import read_map
 from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.replay.many import Outcome, merge
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 COMMAND = [sys.executable, "-m", "smallwheel_ros.cli", "replay"]
@@ -105,6 +106,21 @@ def failed(bags, rover, tmp_path_factory) -> tuple[Path, Result]:
     """The first two bags replayed, and one that is none: the folder, and what was said."""
     folder = tmp_path_factory.mktemp("failed")
     return folder, with_a_bad_one(folder, bags, rover, 1)
+
+
+def test_no_estimate_of_a_long_bag_is_lost_in_the_joined_table(tmp_path):
+    """Four wheels at 10 Hz have 250,000 estimates after 104 minutes; an older joined table is replaced."""
+    counts = {"long": 250_000, "short": 7}
+    for name, count in counts.items():
+        (tmp_path / name).mkdir()
+        pd.DataFrame({"travel": range(count)}).to_csv(
+            tmp_path / name / "estimates.csv", index=False
+        )
+    (tmp_path / "estimates.csv").write_text("bag,travel\nold,1\n")
+    merge(tmp_path, [Outcome(f"{n}.mcap", str(tmp_path / n), "complete") for n in counts])
+    merged = pd.read_csv(tmp_path / "estimates.csv")
+    assert merged.groupby("bag").size().to_dict() == counts
+    assert merged["travel"].tolist() == [*range(250_000), *range(7)]
 
 
 def test_bags_of_one_site_make_one_map_and_the_newest_is_on_top(bags, rover, failed, tmp_path):

@@ -308,6 +308,9 @@ def test_bad_settings_are_named(settings, match):
         ({"moisture": 0.1}, "'moisture' is none"),
         ({"load": -3.0}, "load is -3.0"),
         ({"slip": 2.0}, "slip is 2.0"),
+        ({"pass_number": -3}, "pass_number is -3"),
+        ({"pass_number": 0}, "pass_number is 0"),
+        ({"pass_number": 2.5}, "pass_number is 2.5, expected a whole number"),
         ({"load": 9e4}, "run_033: the wheel .* sinks to its axle"),
     ],
 )

@@ -40,6 +40,7 @@ from smallwheel_ros.views import report
 from smallwheel_ros.views.blocks import Callout, Column, Details, Section, Table, Text
 from smallwheel_ros.views.notes import grouped
 from smallwheel_ros.views.page import Page, embedded, html_of, inline
+from smallwheel_ros.views.plots import Panel
 
 DOCUMENT: dict[str, Any] = json.loads(
     (Path(__file__).parents[1] / "data" / "diagnosis_document.json").read_text()
@@ -293,6 +294,40 @@ def test_what_is_left_and_curves_are_shown_where_they_lead_on() -> None:
     assert panel.x == "slip angle [deg]"
     np.testing.assert_allclose(np.asarray(panel.layers[1].x)[-1], np.degrees(0.6))
     assert "curves" not in [f.name for f in diagnosed_view.page(diagnosed_as(adequate)).figures()]
+
+
+@pytest.mark.parametrize(
+    ("stage", "unit", "label", "scale"),
+    [
+        ("height", "m", "added height [mm]", 1e3),
+        ("force", "N", "added force [N]", 1.0),
+        ("drag", "1", "added drag as a share of the load", 1.0),
+    ],
+)
+def test_a_curve_that_is_added_is_drawn_in_its_unit_about_0(
+    stage: str, unit: str, label: str, scale: float
+) -> None:
+    (factor,) = DOCUMENT["curves"]
+    (drawn,) = curve_panels(DOCUMENT)
+    assert (drawn.y, [*drawn.layers[0].y]) == (f"factor on {factor['stage']}", [1.0, 1.0])
+    added = {"setting": "slip", "stage": stage, "unit": unit, "x": [0.0, 0.5],
+             "added": [0.0, 0.002], "low": [0.0, 0.001], "high": [0.0, 0.003]}  # fmt: skip
+    (panel,) = curve_panels({**DOCUMENT, "curves": [added]})
+    assert panel.y == label
+    none, line = panel.layers
+    assert [*none.y] == [0.0, 0.0]
+    np.testing.assert_allclose(
+        [line.y[1], line.low[1], line.high[1]], scale * np.array([2e-3, 1e-3, 3e-3])
+    )
+
+
+def curve_panels(document: dict[str, Any]) -> list[Panel]:
+    unknown = {**document, "verdict": "unknown_effect", "missing_effects": [], "candidates": []}
+    unknown |= {"unknown": ["unknown:slip@sinkage"]}
+    (figure,) = (
+        f for f in diagnosed_view.page(diagnosed_as(unknown)).figures() if f.name == "curves"
+    )
+    return figure.panels
 
 
 def test_a_curve_without_a_name_is_said_in_words() -> None:
