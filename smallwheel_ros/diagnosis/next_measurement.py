@@ -158,7 +158,8 @@ def propose(
     runs
         Possible runs.
     first, second
-        Fits of the two models, A and B; B may adapt.
+        Fits of the two models, A and B. B counts as refitted to the new runs, so that only what no change
+        of its parameters could imitate distinguishes A.
     names
         Names of the two models.
     hint

@@ -370,7 +370,7 @@ class ParameterVector:
         return np.array(mine, dtype=np.intp)
 
     def begun_at(self, other: ParameterVector, theta: Array) -> Array:
-        """Return starting values, taken from another vector for parameters of the same name.
+        """Return starting values: those of another vector for parameters of the same name, else `start`.
 
         Parameters
         ----------

@@ -250,7 +250,8 @@ def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]
     numbers
         Starting values of `law.names`, SI units; those beyond their bounds are clipped.
     size
-        Usual magnitude of each term's strength, SI, whose prior has mean 0 and three times that as deviation.
+        Usual magnitude of each term's strength, SI; the strength's prior has mean 0 and three times this
+        magnitude as standard deviation.
     """
     free = []
     for name in law.names:
