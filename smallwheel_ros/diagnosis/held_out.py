@@ -73,16 +73,17 @@ class HeldOut:
     falls
         For each family in `useless`, the relative reduction of the held-out error by channel, where known.
     blind
-        Named effects that held-out errors cannot judge: of the runs on which such an effect acts, some have
-        none near them once they are left out, so that a prediction of them would be extrapolation.
+        Named effects that held-out errors cannot judge: of the runs on which such an effect acts, some or all
+        have none near them once they are left out, so that their prediction is extrapolation. On the others,
+        if there are any, the effect lowers an error.
     worse
         Channels whose held-out error rises with the named effects.
     forces
         Channels of pull and torque whose held-out error rises, where sinkage or resistance decides what is
         named; a reservation only.
     rivals_help
-        Whether at least one rival, alone, lowers a held-out error; true also if an effect is named, or if
-        there are fewer than two rivals.
+        Whether a held-out error falls with the most probable model of at least one rival; true also if an
+        effect is named, or if there are fewer than two rivals.
     besides
         Families to be added to the rivals: effects of the soil that lower the held-out error of a channel
         on which no rival acts. Empty if an effect is named, or if there are fewer than two rivals.

@@ -204,7 +204,7 @@ class Driver:
 
     @property
     def text(self) -> str:
-        """The driver as written in a formula for people."""
+        """The driver as written in a formula that is shown."""
         return f"({self.name} - {self.reference:.12g})" if self.reference else self.name
 
     def place(self, value: float) -> str:
@@ -421,7 +421,7 @@ class Term:
         return made[0] if len(made) == 1 else f"({' * '.join(made)})"
 
     def text(self, constant: float | None) -> str:
-        """The term in a formula for people. constant: the free constant c; None for a term without one."""
+        """The term in a formula that is shown. constant: the free constant c; None for a term without one."""
         parts = []
         for driver, shape in self.factors:
             c = constant if shape.constant == "free" else driver.middle

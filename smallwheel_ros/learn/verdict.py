@@ -128,7 +128,7 @@ def seek(
     seed
         Seed of the permutations, the folds and the choice of the settings that are kept apart.
     progress
-        Called with each step in words, the number done, and the number in all (0: unknown).
+        Called with the name of each step, the number of its parts done, and their total (0: not known).
     """
     try:  # 1, 2: points, and the base
         problem = Problem.of(_by_trial(measurements), base).judged

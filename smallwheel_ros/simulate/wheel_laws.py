@@ -111,7 +111,7 @@ def rim_curves(
 
 @dataclass(frozen=True)
 class Sand:
-    """A sand and a rim of `response_of`, with true values.
+    """True values of a sand, and of the rim that digs into it, for `response_of`.
 
     Attributes
     ----------
