@@ -99,10 +99,10 @@ class Runs:
 
     @classmethod
     def of(cls, points: Points, limits: Limits) -> Runs:
-        """Combine the levels of up to six settings, those that the user can set first.
+        """Make a run for every combination of the levels of up to six settings.
 
-        Where the user gave no levels, a setting has its lowest, middle and highest value. Every other
-        setting has the measured value nearest to its median.
+        Settings for which the user gave levels are taken first. The others have up to three levels over the
+        measured range; settings beyond six have one, the measured value nearest to the median.
 
         Parameters
         ----------

@@ -170,10 +170,10 @@ def one_diameter(points: Points, soil: str) -> bool:
 
 
 def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
-    """Make the base for a fit that starts from a known model.
+    """Return the model to fit for a user who starts from a known model.
 
-    Its soils and effects are refitted within its covariance, unless it has none or was fitted to this very
-    data: then soils start from it and have the usual prior.
+    Its soils and effects are refitted under a prior with its covariance, unless it has none or was fitted to
+    this very data: then soils start from it and have the usual prior.
 
     Parameters
     ----------

@@ -35,10 +35,7 @@ _DULL = 0.02  # slope of ln value by ln factor under which a channel says nothin
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
-    """Turn the result of a search into plain values, the document of `smallwheel learn --json`.
-
-    Its `measure_next` and `file` are None here, and laws that were learnt after this one are absent: the
-    caller fills them in.
+    """Make the document of `smallwheel learn --json` from the result of a search.
 
     Parameters
     ----------
@@ -48,6 +45,14 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
         The result of a search.
     name
         Id of the law.
+
+    Returns
+    -------
+    dict
+        Plain values, SI units: `verdict`, `reasons`, `data`, `search` (size, p value), `held_out` errors by
+        channel, the `law` (None if none is drafted), the `tied` formulas, their `places`, the curve `shape`
+        (`shape_of`), the corrections `implied` by single points, `notes` and `warnings`. `measure_next` and
+        `file` are None, and laws that were learnt after this one are absent: the caller adds them.
     """
     problem, grid, best = sought.problem, sought.grid, sought.best
     found: Entry = {

@@ -117,8 +117,6 @@ def seek(
 ) -> Sought:
     """Search for one law that a model lacks. The same seed gives the same answer.
 
-    The comments' numbers are those of "How it decides" in docs/learn.md.
-
     Parameters
     ----------
     measurements
@@ -130,6 +128,7 @@ def seek(
     progress
         Called with the name of each step, the number of its parts done, and their total (0: not known).
     """
+    # The comments' numbers are those of "How it decides" in docs/learn.md.
     try:  # 1, 2: points, and the base
         problem = Problem.of(_by_trial(measurements), base).judged
         if reason := too_little(problem.points):
