@@ -58,6 +58,8 @@ class Step:
 class HeldOut:
     """Held-out evidence for or against each effect named as missing, from runs not used in choosing it.
 
+    A family is an effect with all its forms, by the effect's id.
+
     Attributes
     ----------
     steps
@@ -65,7 +67,7 @@ class HeldOut:
     named
         Families of the named effects, in the order in which they were added.
     best
-        The model with the named effects, each as a law of the library; without a name the most probable
+        The model with the named effects, each as a law of the library; if none is named, the most probable
         model, or the base model if nothing is missing.
     useless
         Families that the probabilities name, and that are named no longer since they lower the held-out error

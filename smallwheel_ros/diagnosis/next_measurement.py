@@ -158,8 +158,8 @@ def propose(
     runs
         Possible runs.
     first, second
-        Fits of the two models, A and B. B counts as refitted to the new runs, so that only what no change
-        of its parameters could imitate distinguishes A.
+        Fits of the two models, A and B. B is treated as if it were refitted to the new runs: only differences
+        that no change of its parameters could imitate count.
     names
         Names of the two models.
     hint

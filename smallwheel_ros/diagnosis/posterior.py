@@ -39,6 +39,8 @@ Word = Literal[
 class Posterior:
     """Probabilities of what is missing, and the models from which they are computed.
 
+    A family is an effect with all its forms, by the effect's id.
+
     Attributes
     ----------
     word
@@ -47,7 +49,7 @@ class Posterior:
     probabilities
         Probability of each family, 0 to 1.
     best
-        The model with the named effects, each as a law of the library; without a name the most probable
+        The model with the named effects, each as a law of the library; if none is named, the most probable
         model, which may have curves, or the base model if nothing is missing.
     named
         Families that are missing, the most probable first.

@@ -93,6 +93,8 @@ class Evidence:
 class Verdict:
     """The verdict and its grounds.
 
+    A family is an effect with all its forms, by the effect's id.
+
     Attributes
     ----------
     word
@@ -110,7 +112,7 @@ class Verdict:
     probabilities
         Probability of each family, 0 to 1.
     best
-        The model with the named effects, each as a law of the library; without a name the most probable
+        The model with the named effects, each as a law of the library; if none is named, the most probable
         model, which may have curves, or the base model if nothing is missing.
     steps
         The base model, and the model after each named effect is added.

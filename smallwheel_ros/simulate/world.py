@@ -187,7 +187,7 @@ class Sensors:
     tare
         Error of the load cells' zero, N.
     torque_scale
-        Deviation of each wheel's factor on torque from 1.
+        Standard deviation of the factor about 1 by which each wheel's measured torque is wrong.
     friction
         Friction that the torque of a turning wheel includes, N m.
     encoder_steps
@@ -198,12 +198,12 @@ class Sensors:
     odometry_rate
         Readings per second, Hz, of which one is drawn.
     lag, noise
-        Delay of the odometry, s, and noise of its speed, m/s, drawn between the two.
+        Delay of the odometry, s, and noise of its speed, m/s; each is drawn between its two values.
     alike
         Time over which errors of `own` are correlated, s; 0 for independent errors. Only the first of the two
         is used.
     scale
-        Deviation of the factor on the speed of `own` from 1.
+        Standard deviation of the factor about 1 by which the speed of `own` is wrong.
     told
         Standard deviation that the odometry states for its speed, divided by the true one; 0: it states none.
     pitch
