@@ -124,7 +124,8 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
     Returns
     -------
     dict
-        The content of the JSON, described in docs/diagnosis.md; SI units. Not yet plain values (`plain`).
+        The content of the JSON, described in docs/diagnosis.md; SI units. Some values are still arrays, which
+        `plain` makes lists.
     """
     problem, found, fault = evidence.problem, evidence.found, evidence.gauge_fault
     judged, measurements = problem.judged, problem.points.measurements

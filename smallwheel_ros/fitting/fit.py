@@ -288,7 +288,7 @@ class Fitter:
     repeats
         Repeatability of the values.
     law
-        Makes the predictor of the points; by default that of the model itself.
+        Function that makes the predictor of the points; by default that of the model itself.
     working
         Whether values are weighted without the errors that many of them share, which would otherwise absorb
         what the parameters can describe (`variance`). The effect of these errors on the parameters is in

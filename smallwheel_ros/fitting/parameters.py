@@ -90,8 +90,8 @@ def instrument_prior(p: Parameter, size: float) -> Prior:
     p
         Declared parameter of the fault, with bounds and unit.
     size
-        Typical reading, in the parameter's unit, of which the scale is a share `INSTRUMENT`. A parameter in
-        metres, a zero of sinkage, has a scale of its own (`SINKAGE_ZERO_STD`).
+        Typical reading, in the parameter's unit; the scale of the prior is the share `INSTRUMENT` of it. Not
+        used for a parameter in metres (a zero of sinkage), whose prior has the scale `SINKAGE_ZERO_STD`.
 
     Returns
     -------

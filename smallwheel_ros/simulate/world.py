@@ -264,7 +264,7 @@ class World:
     legs
         Legs of the route.
     speed, ramp
-        Speed of the rims, m/s, and how it changes at most, m/s^2.
+        Speed of the rims, m/s, and the largest rate at which it changes, m/s^2.
     turning
         Rate of turning on the spot, rad/s.
     floor
@@ -274,7 +274,8 @@ class World:
     slope
         Largest slope of each of two waves, 5 and 11 m long, eastward and northward, rad.
     swing
-        Factor on the usual share of load (up to 0.24) that uneven ground shifts between the diagonals, 1.
+        Factor on the usual share of load, up to 0.24, that uneven ground shifts from the wheels of one
+        diagonal to those of the other.
     grip, own_grip, scatter
         Deviations of ln grip from place to place, of ln grip of each track in addition, and of ln k.
     drift
