@@ -70,7 +70,8 @@ def predict(
     soil : str, optional
         Which soil of a model that has several; without a model, one of the library.
     closed_form : bool, optional
-        Use the paper's closed form (eq. 10) instead of the contact integral, on a soil of the library.
+        Use the closed form of Meirion-Griffith and Spenko (2011, eq. 10) instead of the contact integral, on
+        a soil of the library.
     effects : path, or what `sw.effects.load` returned, optional
         A Python file with effects of your own. It is run: name only files that you trust.
     others : number, several, or text, as ``speed=0.1``

@@ -55,7 +55,7 @@ def replay(
     copy : {'all', 'used', 'none'}, optional
         Topics that are copied into the new bag, beside the estimates.
     rate : float, optional
-        Most estimates of each wheel in a second (Hz), in place of the parameter mobility.rate; 0: one for
+        Largest rate of estimates of each wheel (Hz), in place of the parameter mobility.rate; 0: one for
         each measured sinkage.
     soil_file : path, optional
         Start from the soil saved there, if any, and save it there at the end.

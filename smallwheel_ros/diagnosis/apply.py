@@ -262,14 +262,15 @@ def _forms_of(
 
 @dataclass(frozen=True)
 class Grown:
-    """A base model of the judged channels with effects, each in the form of largest evidence.
+    """A base model to which effects are added one by one, each in the form of largest evidence.
 
     Attributes
     ----------
     model
         The model, fitted to all runs.
     choose
-        Function that fits the model to the training points of a fold alone; it returns a list of one fit.
+        Function that fits the model to the training points of one fold of a cross-validation, choosing the
+        forms of its effects again; it returns a list of one fit.
     """
 
     model: Candidate
@@ -284,7 +285,7 @@ class Grown:
         )
 
     def with_effect(self, problem: Problem, forms: Sequence[Competitor]) -> Grown:
-        """Add one more effect; each fold chooses again among the forms within `WINDOW` of the best.
+        """Add one more effect; each fold chooses among the forms within `WINDOW` nats of the best.
 
         Parameters
         ----------

@@ -98,7 +98,8 @@ def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
     Returns
     -------
     list of BadRun
-        Empty with up to six runs; at most one run that only the model shows to be wrong.
+        At most one run that is wrong only by comparison with the model; empty for tables of six runs or
+        fewer.
     """
     if fitter.points.run_count <= 2 * _FEWEST:
         return []

@@ -152,7 +152,8 @@ class Stage(NamedTuple):
         Name of the effect's method.
     acts
         Function that takes the place of that method. It takes what the method takes, the effect first and
-        the conditions last, and returns an array of shape (rows,).
+        the conditions last, and returns an array of shape (rows,); at the stage `pressure`, of the shape of
+        the depths.
     stands_for
         Methods of effects of which the curve is the most general form.
     unit
@@ -209,7 +210,7 @@ def curve_part(
     terms
         Number of its terms, up to 3, or 4 from degree 0.
     size
-        Scale of a curve that is added, N or m.
+        Scale of a curve that is added to a value, N or m; 1 for a curve that is a factor.
     """
     kind = _KINDS[stage]
     falls = _FALLS if first else (1.0, *_FALLS)

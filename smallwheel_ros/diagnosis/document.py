@@ -124,9 +124,10 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
     Returns
     -------
     dict
-        The content of the JSON, described in docs/diagnosis.md; SI units. Not yet plain values (`plain`).
+        The content of the JSON, described in docs/diagnosis.md; SI units. Some values are still arrays, which
+        `plain` makes lists.
     """
-    problem, found, told = evidence.problem, evidence.found, evidence.told
+    problem, found, fault = evidence.problem, evidence.found, evidence.gauge_fault
     judged, measurements = problem.judged, problem.points.measurements
     points, fitter = judged.points, judged.fitter
     base, explained = verdict.steps[0].errors, found.ordered[0]
@@ -140,9 +141,9 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
     worst = worst_left(left, measurements)
     alone = errors_alone(problem, found, evidence.held_out, verdict.probabilities)
     ranking = _ranking(found, verdict, alone, base, learnt)
-    if told is not None:
-        others = [row for row in ranking if row["effect"] != told.part.id]
-        ranking = [_told_row(problem, verdict.steps, told), *others]
+    if fault is not None:
+        others = [row for row in ranking if row["effect"] != fault.part.id]
+        ranking = [_fault_row(problem, verdict.steps, fault), *others]
     return _head(problem, verdict.word, "; ".join(verdict.reasons)) | {
         "missing_effects": list(verdict.named),
         "candidates": list(verdict.rivals),
@@ -315,9 +316,9 @@ def _row(
     }
 
 
-def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
+def _fault_row(problem: Problem, steps: Sequence[Step], fault: Witness) -> Entry:
     """The ranking's row of the fault that pull and torque indicate, which is the first of the steps."""
-    name, fit = told.part.id, problem.refitted(steps[-1].model)
+    name, fit = fault.part.id, problem.refitted(steps[-1].model)
     law = next(e for e in fit.model.effects if e.id == name)
     parameters = _parameters(fit, fit.covariance, name, None)
     before, after = steps[0].errors, steps[1].errors
@@ -325,8 +326,8 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
         "effect": name,
         "kind": "instrument",
         "status": "significant",
-        "reason": f"{words(name)}: pull and torque favour it by {number(told.evidence, 2)} nats",
-        "probability": told.probability,
+        "reason": f"{words(name)}: pull and torque favour it by {number(fault.evidence, 2)} nats",
+        "probability": fault.probability,
         "p_value": None,
         "form": law.form,
         "forms_not_told_apart": [],

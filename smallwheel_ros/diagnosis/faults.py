@@ -43,10 +43,10 @@ class Witness:
     Attributes
     ----------
     part
-        The effect under its usual prior.
-    told
-        The same effect with the posterior from pull and torque as its prior, for fits to the other channels
-        alone.
+        The fault as an effect with its usual prior.
+    informed
+        The same effect with another prior, the posterior that pull and torque gave; for fits without these
+        channels.
     evidence
         ln evidence of pull and torque with the fault minus that without it, nats.
     probability
@@ -56,7 +56,7 @@ class Witness:
     """
 
     part: EffectPart
-    told: EffectPart
+    informed: EffectPart
     evidence: float
     probability: float
     base: Fit
@@ -81,7 +81,7 @@ class _AsShown(Effect):
         return np.maximum(shown, _LEAST)
 
 
-def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
+def gauge_fault(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
     """Find a fault of the sinkage gauge that pull and torque support and that lowers a held-out error.
 
     Parameters
@@ -108,14 +108,14 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
     fitter, none = alone.fitter, alone.fit
     faults = _faults(registry, {*without, *problem.base.names})
     made = [one for fault in faults if (one := _with(fitter, none, fault)) is not None]
-    part, told, evidence = max(made, key=lambda one: one[-1], default=(None, None, -np.inf))
+    part, informed, evidence = max(made, key=lambda one: one[-1], default=(None, None, -np.inf))
     probability = _probability(evidence, len(registry.families))
-    if part is None or told is None or probability < constants.NAMED:
+    if part is None or informed is None or probability < constants.NAMED:
         return None
-    before, after = problem.held_out(), problem.with_part(part, told).held_out()
+    before, after = problem.held_out(), problem.with_part(part, informed).held_out()
     if before is None or after is None or not compare_cv(before, after).helps:
         return None
-    return Witness(part, told, evidence, probability, problem.judged.fit, before)
+    return Witness(part, informed, evidence, probability, problem.judged.fit, before)
 
 
 def _probability(evidence: float, families: int) -> float:
@@ -165,5 +165,5 @@ def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, Effect
     if not fits:
         return None
     best = max(fits, key=lambda fit: fit.evidence)
-    told = Prior(float(best.theta[-1]), float(np.sqrt(best.covariance[-1, -1])), *known.bounds)
-    return plain, part_of(effect, {known.name: told}), best.evidence - none.evidence
+    posterior = Prior(float(best.theta[-1]), float(np.sqrt(best.covariance[-1, -1])), *known.bounds)
+    return plain, part_of(effect, {known.name: posterior}), best.evidence - none.evidence

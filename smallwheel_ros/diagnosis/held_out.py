@@ -56,31 +56,39 @@ class Step:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Held-out evidence for each name, from runs not used in choosing it.
+    """Held-out evidence for or against each effect named as missing, from runs not used in choosing it.
+
+    A family is an effect with all its forms, by the effect's id.
 
     Attributes
     ----------
     steps
-        The base, and the model after each named effect is added.
+        The base model, and the model after each named effect is added.
     named
-        Families of the effects that were added.
+        Families of the named effects, in the order in which they were added.
     best
-        The model with laws of the library for these names; the most probable model if there are none.
+        The model with the named effects, each as a law of the library; if none is named, the most probable
+        model, or the base model if nothing is missing.
     useless
-        Families that the probabilities name and that lower the error of no channel: a set for each time
-        that the errors were computed, the last first.
+        Families that the probabilities name, and that are named no longer since they lower the held-out error
+        of no channel. Without them all errors are computed again: one tuple for each time, the last first.
     falls
         For each family in `useless`, the relative reduction of the held-out error by channel, where known.
     blind
-        Laws named by evidence alone, since predictions of a left-out run could only extrapolate.
+        Named effects that held-out errors cannot judge: of the runs on which such an effect acts, some or all
+        have none near them once they are left out, so that their prediction is extrapolation. On the others,
+        if there are any, the effect lowers an error.
     worse
-        Channels whose error rises with the named effects.
+        Channels whose held-out error rises with the named effects.
     forces
-        The channels of pull and torque whose error rises; these do not decide.
+        Channels of pull and torque whose held-out error rises, where sinkage or resistance decides what is
+        named; a reservation only.
     rivals_help
-        Whether an error falls with one of the rivals; true if there are none.
+        Whether a held-out error falls with the most probable model of at least one rival; true also if an
+        effect is named, or if there are fewer than two rivals.
     besides
-        Effects of the soil that lower the error of a channel on which no rival acts.
+        Families to be added to the rivals: effects of the soil that lower the held-out error of a channel
+        on which no rival acts. Empty if an effect is named, or if there are fewer than two rivals.
     """
 
     steps: tuple[Step, ...]
@@ -98,8 +106,8 @@ class HeldOut:
 def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     """Compute held-out errors of the base model, and after adding each effect that the probabilities name.
 
-    A name that lowers the error of no channel is removed, and the errors of the others are computed without
-    it.
+    An effect that lowers the error of no channel is named no longer, and the errors of the others are
+    computed without it.
 
     Parameters
     ----------
@@ -113,7 +121,7 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     Returns
     -------
     HeldOut
-        The errors, and which names are left.
+        The errors, and the effects that stay named.
     """
     judged, best, names = problem.judged, posterior.best, posterior.named
     useless: list[tuple[str, ...]] = []

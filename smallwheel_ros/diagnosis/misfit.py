@@ -58,8 +58,8 @@ class LackOfFit:
     Attributes
     ----------
     ratio
-        Square root of F: the misfit in the standard deviations that repeats and the usual errors of a law
-        allow.
+        Square root of F (`lack_of_fit`): the misfit over the standard deviation expected from repeated runs
+        and the usual error of a law.
     p
         p-value of F.
     misfit
@@ -216,8 +216,8 @@ class Misfit:
 def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
     """Compute the misfit of the best explanation of the data.
 
-    That is the model with the named effects if no other question is open, else the most probable model. If
-    nothing is missing, lack of fit and plateaus are those of the base model.
+    That is the model with the named effects, if there are neither rivals nor unknown effects besides; else
+    the most probable model. If nothing is missing, lack of fit and plateaus are those of the base model.
 
     Parameters
     ----------

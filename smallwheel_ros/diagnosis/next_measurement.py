@@ -99,10 +99,10 @@ class Runs:
 
     @classmethod
     def of(cls, points: Points, limits: Limits) -> Runs:
-        """Combine the levels of up to six settings, those that the user can set first.
+        """Make a run for every combination of the levels of up to six settings.
 
-        Where the user gave no levels, a setting has its lowest, middle and highest value. Every other
-        setting has the measured value nearest to its median.
+        Settings for which the user gave levels are taken first. The others have up to three levels over the
+        measured range; settings beyond six have one, the measured value nearest to the median.
 
         Parameters
         ----------
@@ -158,7 +158,8 @@ def propose(
     runs
         Possible runs.
     first, second
-        Fits of the two models, A and B; B may adapt.
+        Fits of the two models, A and B. B is treated as if it were refitted to the new runs: only differences
+        that no change of its parameters could imitate count.
     names
         Names of the two models.
     hint

@@ -16,7 +16,7 @@ from smallwheel_ros.common.threads import one_thread
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.diagnosis.competitors import field_of
-from smallwheel_ros.diagnosis.faults import fault_told
+from smallwheel_ros.diagnosis.faults import gauge_fault
 from smallwheel_ros.diagnosis.held_out import Step, held_out
 from smallwheel_ros.diagnosis.misfit import misfit_of
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
@@ -364,8 +364,8 @@ def _evidence(
     Where there are such runs they are left out, and everything is computed again: `bad` are the runs left
     out so far, `first` are the probabilities with them.
     """
-    told = fault_told(plain, known, without)
-    problem = plain if told is None else plain.with_part(told.part, told.told)
+    fault = gauge_fault(plain, known, without)
+    problem = plain if fault is None else plain.with_part(fault.part, fault.informed)
     judged = problem.judged
     model = judged.vector.model(judged.vector.start)
     field = field_of(judged.points, model, known, without)
@@ -379,7 +379,7 @@ def _evidence(
     progress("held-out error of each step")
     held = held_out(problem, found, posterior)
     misfit = misfit_of(found, posterior, held)
-    return Evidence(problem, found, posterior, held, misfit, bad, first or posterior, told)
+    return Evidence(problem, found, posterior, held, misfit, bad, first or posterior, fault)
 
 
 def _too_little(

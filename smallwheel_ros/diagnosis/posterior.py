@@ -39,27 +39,31 @@ Word = Literal[
 class Posterior:
     """Probabilities of what is missing, and the models from which they are computed.
 
+    A family is an effect with all its forms, by the effect's id.
+
     Attributes
     ----------
     word
-        The verdict if there were no other evidence.
+        The verdict by these probabilities alone, before held-out errors and the misfit that is left are
+        considered.
     probabilities
         Probability of each family, 0 to 1.
     best
-        The model with laws of the library for what is named; else the most probable one; the base model if
-        nothing is missing.
+        The model with the named effects, each as a law of the library; if none is named, the most probable
+        model, which may have curves, or the base model if nothing is missing.
     named
         Families that are missing, the most probable first.
     rivals
         Families of which one is missing; for an unknown effect, candidates that this data does not confirm.
     unknown
-        Ids of curves without a name for which no law of the library accounts.
+        Ids of curves that stand for an effect in no library, such as `unknown:slip@sinkage`: no effect of
+        the library describes the data as well.
     closest
         Families that describe the data best, though not well enough.
     ties
         Sentences on settings that were varied together.
     doubtful
-        Whether the rivals together are less probable than nothing missing.
+        Whether it is less probable that any of the rivals is missing than that nothing is.
     """
 
     word: Word

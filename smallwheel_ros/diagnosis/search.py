@@ -55,18 +55,20 @@ _REST = 4.0  # nats: a larger model that is so far behind the best is not extend
 
 @dataclass(frozen=True)
 class ScoreColumn:
-    """Change of the predictions by a competitor of the strength that its prior expects.
+    """Change of the predictions by one competitor: C of the score test (formula: module's docstring).
 
     Attributes
     ----------
     competitor
         Effect, instrument fault or curve that the model may lack.
     shift
-        Change of each prediction, in the channel's SI unit, shape (values, columns): one column for an
-        effect, one for each coefficient of a curve.
+        Change of each prediction, m, N or N m, shape (values, columns): one column for an effect, one for
+        each coefficient of a curve. It is scaled to a parameter that is one standard deviation of its prior
+        away from having no influence, or as far as the prior's centre if that is farther; a contact rule has
+        no parameter, and its change is not scaled.
     start
-        Values of the competitor's parameters from which its fit starts, shape (its parameters,); those at
-        which `shift` was computed, 0 for a curve.
+        Values of the competitor's parameters at which `shift` was computed, and from which its fit starts,
+        shape (its parameters,); 0 for a curve.
     """
 
     competitor: Competitor
@@ -75,7 +77,7 @@ class ScoreColumn:
 
 
 def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreColumn]:
-    """Compute the columns of the score test for a competitor, by finite differences at a fit.
+    """Compute how a competitor would change the predictions of a fit, by finite differences.
 
     Parameters
     ----------
@@ -89,8 +91,8 @@ def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreCo
     Returns
     -------
     list of ScoreColumn
-        For an effect, one at each of up to two strengths; for a curve or a contact rule, one. Those that
-        are not finite are left out.
+        For an effect, one for each of up to two values of its main parameter, since its influence need not be
+        linear; for a curve or a contact rule, one. Those with values that are not finite are left out.
     """
     listed, start = competitor.part.parameters, competitor.part.start
     vector, effect = changed(fit.vector, competitor), competitor.effect
@@ -363,9 +365,10 @@ class Search:
     def mixture(
         self, named: Collection[str], rivals: Collection[str], tied: Collection[str] = ()
     ) -> list[tuple[float, Candidate]]:
-        """Return the models of the library that contain the named effects, with their probabilities.
+        """Return the models among which the data cannot decide, with their probabilities, for predictions.
 
-        Models under `MENTIONED` are left out, except the best with each rival.
+        These are the fitted models that contain all named effects, and no curves. Those with a probability
+        under `MENTIONED` are left out, except the most probable one with each rival.
 
         Parameters
         ----------
@@ -374,13 +377,14 @@ class Search:
         rivals
             Families of which one is missing, where the data cannot tell which.
         tied
-            Settings that were varied together. An effect that follows one of them has the same prior
-            probability as none: the data cannot decide, and predictions differ wherever these settings do.
+            Settings that were varied together. Models with and without an effect that depends on one of
+            them are given equal prior odds here: the data cannot decide, and predictions differ where these
+            settings vary apart.
 
         Returns
         -------
         list of (float, Candidate)
-            Probability, of a sum of 1 over the list, and model; the most probable first.
+            Probability and model; the probabilities sum to 1. Empty if no model has all named effects.
         """
         even = {c.family for c in self.field.competitors
                 if c.kind == "soil" and {*tied} & {*c.drivers[:1]} - {"load"}}  # fmt: skip
@@ -478,7 +482,7 @@ class Search:
 def search(
     fitter: Fitter, base: Fit, field: Field, *, seed: int = 0, most: int = MOST_EFFECTS
 ) -> Search:
-    """Search the models that explain the data.
+    """Find the models that explain the data best: the base model with up to `most` competitors added.
 
     Parameters
     ----------

@@ -62,11 +62,11 @@ class Evidence:
     Attributes
     ----------
     problem
-        The table without bad runs, and the base model, which includes the fault in `told`.
+        The table without bad runs, and the base model, which includes `gauge_fault`.
     found
         All models that were fitted.
     posterior
-        Probabilities of the effects, from these models.
+        Probabilities of the effects, computed from these models.
     held_out
         Held-out errors of the named effects.
     misfit
@@ -75,7 +75,7 @@ class Evidence:
         Runs that are left out.
     first
         The probabilities before these runs were left out.
-    told
+    gauge_fault
         A fault of the sinkage gauge that pull and torque indicate; None if there is none.
     """
 
@@ -86,12 +86,14 @@ class Evidence:
     misfit: Misfit
     bad: tuple[BadRun, ...]
     first: Posterior
-    told: Witness | None
+    gauge_fault: Witness | None
 
 
 @dataclass(frozen=True)
 class Verdict:
     """The verdict and its grounds.
+
+    A family is an effect with all its forms, by the effect's id.
 
     Attributes
     ----------
@@ -103,13 +105,15 @@ class Verdict:
         Families of which one is missing, where the data cannot tell which; for an unknown effect,
         candidates that the data does not confirm.
     unknown
-        Ids of curves without a name that no law of the library explains.
+        Ids of curves that stand for an effect in no library, such as `unknown:slip@sinkage`: no effect of
+        the library describes the data as well.
     closest
         Families that describe the data best, though not well enough.
     probabilities
         Probability of each family, 0 to 1.
     best
-        The model that explains the data best, with laws of the library only if they suffice.
+        The model with the named effects, each as a law of the library; if none is named, the most probable
+        model, which may have curves, or the base model if nothing is missing.
     steps
         The base model, and the model after each named effect is added.
     reasons
@@ -129,7 +133,7 @@ class Verdict:
 
 def decide(evidence: Evidence) -> Verdict:
     """Turn the evidence into a verdict."""
-    said, held, told = evidence.posterior, evidence.held_out, evidence.told
+    said, held, fault = evidence.posterior, evidence.held_out, evidence.gauge_fault
     word, named, closest = said.word, held.named, said.closest
     rivals = tuple(dict.fromkeys([*itertools.chain(*held.useless), *said.rivals, *held.besides]))
     reasons = [*said.ties]
@@ -156,16 +160,16 @@ def decide(evidence: Evidence) -> Verdict:
         # Of a gauge that does not move no effect is the closest description.
         closest, named, rivals = (() if still else (*closest, *named, *rivals)), (), ()
     steps, probabilities = held.steps if named else held.steps[:1], said.probabilities
-    if told is not None:
-        name = told.part.id
-        named, probabilities = (name, *named), {**probabilities, name: told.probability}
+    if fault is not None:
+        name = fault.part.id
+        named, probabilities = (name, *named), {**probabilities, name: fault.probability}
         word = "missing_effect" if word == "adequate" else word
         with_it = Step(name, steps[0].model, steps[0].errors)
-        steps = (Step(None, told.base, told.errors), with_it, *steps[1:])
+        steps = (Step(None, fault.base, fault.errors), with_it, *steps[1:])
         forces = listed([words(n) for n in evidence.problem.points.forces])
         reasons.append(
             f"{words(name)} is indicated by {forces}: their law fits the sinkage as shown "
-            f"{number(told.evidence, 2)} nats worse than the corrected one"
+            f"{number(fault.evidence, 2)} nats worse than the corrected one"
         )
     return Verdict(
         word, named, rivals, said.unknown, closest, probabilities, held.best, steps, tuple(reasons)

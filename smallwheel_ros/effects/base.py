@@ -201,35 +201,57 @@ class Effect:
     Fields are made by `parameter` (fitted) and `constant` (given). Where a class does not state them, `form`
     follows from its name, `stage` and `channels` from the stages that it overrides, and `drivers` from its
     `needs`. A number outside its bounds raises EffectError.
+
+    Attributes
+    ----------
+    id
+        Name of the physical idea, such as `slip_sinkage`, which all its forms share.
+    form
+        Name of the published form of the idea that this class is.
+    summary, formula, source
+        What the effect does, in one sentence; its formula; where the formula comes from. Texts to be shown.
+    needs
+        Covariates that it reads.
+    channels
+        Measured quantities that it changes.
+    stage, acts
+        The first of the stages (`STAGES`) that it overrides, and all of them in their order.
+    kind
+        `instrument` for a fault of an instrument, which is never reported as physics of the soil.
+    drivers
+        Settings that its strength follows: load, diameter, width, or covariates of `needs`.
+    side
+        1 where it acts only for values of its first driver over 0, -1 only for those under 0; else 0.
+    idle
+        Reason why it does nothing on a table in which the first of `needs` is 0 in every row; empty where it
+        acts at 0, too.
+    next_step
+        One sentence to be shown: what to measure or to check in order to tell it from other effects.
+    geometry
+        For an effect that is a rule of contact: the geometry of a model to which it is added. Else empty.
+    learnt_from
+        SHA-256 of the table that the law was learnt from, which is no evidence for it; empty for a published
+        law.
+    known_physics
+        Whether a model always applies it where its columns are present, so that it is never a finding.
     """
 
-    id: ClassVar[str] = ""  # the physical idea; forms of one idea share it
-    form: ClassVar[str] = ""  # which published form of the idea this is
-    summary: ClassVar[str] = ""  # one sentence for people
+    id: ClassVar[str] = ""
+    form: ClassVar[str] = ""
+    summary: ClassVar[str] = ""
     formula: ClassVar[str] = ""
     source: ClassVar[str] = ""
-    needs: ClassVar[tuple[str, ...]] = ()  # covariates that it reads
-    channels: ClassVar[tuple[str, ...]] = ()  # measured quantities that it changes
-    stage: ClassVar[str] = ""  # the first of the stages that it acts at
-    # A fault of an instrument is reported as such, never as physics of the soil.
+    needs: ClassVar[tuple[str, ...]] = ()
+    channels: ClassVar[tuple[str, ...]] = ()
+    stage: ClassVar[str] = ""
     kind: ClassVar[Literal["soil", "instrument"]] = "soil"
-    # Settings that its strength follows: load, diameter, width, or covariates of `needs`.
     drivers: ClassVar[tuple[str, ...]] = ()
-    # +1 where it acts only for values of its first driver over 0, -1 only for those under 0.
     side: ClassVar[Literal[-1, 0, 1]] = 0
-    # Reason why it does nothing on a table in which the first of `needs` is 0 in every row; "" where it acts
-    # at 0, too.
     idle: ClassVar[str] = ""
-    # One sentence for people: what to measure or to check in order to tell it from other effects.
     next_step: ClassVar[str] = ""
-    # Set for an effect that is a rule of contact: the geometry of a model to which it is added.
     geometry: ClassVar[str] = ""
-    # SHA-256 of the table that the law was learnt from, "" for a published law: that table is no evidence
-    # for it.
     learnt_from: ClassVar[str] = ""
-    # Whether a model always applies it where its columns are there; it is then never a finding.
     known_physics: ClassVar[bool] = False
-    # The stages that it acts at, in their order: those whose methods it overrides.
     acts: ClassVar[tuple[str, ...]] = ()
     _drivers_stated: ClassVar[bool] = False
 
@@ -334,39 +356,131 @@ class Effect:
         return np.ones(len(conditions), dtype=bool) if everywhere else conditions.rolling
 
     def corrected_load(self, load: Array, conditions: Conditions) -> Array:
+        """Return the load itself (N, shape (rows,)), given the load that the load cell shows.
+
+        Parameters
+        ----------
+        load
+            Load that the load cell shows, N, shape (rows,).
+        conditions
+            Settings of the rows, SI units.
+        """
         return load
 
     def normal_load(self, load: Array, conditions: Conditions) -> Array:
+        """Return the load that reaches the soil, N, shape (rows,).
+
+        Parameters
+        ----------
+        load
+            Load of the wheel, N, shape (rows,).
+        conditions
+            Settings of the rows, SI units.
+        """
         return load
 
     def wheel_diameter(self, diameter: Array, conditions: Conditions) -> Array:
+        """Return the diameter that the soil meets, m, shape (rows,).
+
+        Parameters
+        ----------
+        diameter
+            Diameter of the wheel, m, shape (rows,).
+        conditions
+            Settings of the rows, SI units.
+        """
         return diameter
 
     def modulus_factor(self, conditions: Conditions) -> Array | float:
+        """Return the factor on the soil's modulus k, shape (rows,) or one number."""
         return 1.0
 
     def exponent_shift(self, conditions: Conditions) -> Array | float:
+        """Return what is added to the soil's exponent n, shape (rows,) or one number."""
         return 0.0
 
     def pressure_factor(self, depth: Array, conditions: Conditions) -> Array:
+        """Return the factor on the soil's pressure at some depths, in the shape of `depth`.
+
+        Parameters
+        ----------
+        depth
+            Depths below the surface, m, shape (nodes, rows) or (rows,).
+        conditions
+            Settings of the rows, SI units.
+        """
         return np.ones_like(depth)
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        """Return the sinkage of the wheel (m, shape (rows,)), given the static one.
+
+        Parameters
+        ----------
+        sinkage
+            Sinkage at which the pressure carries the load, changed by earlier effects, m, shape (rows,).
+        conditions
+            Settings of the rows, SI units.
+        """
         return sinkage
 
     def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        """Return the depth to which soil is compacted (m, shape (rows,)), by default as `sinkage`.
+
+        Parameters
+        ----------
+        sinkage
+            Static sinkage, changed by earlier effects, m, shape (rows,).
+        conditions
+            Settings of the rows, SI units.
+        """
         return self.sinkage(sinkage, conditions)
 
     def added_resistance(self, state: WheelState, conditions: Conditions) -> Array | float:
+        """Return what is added to the compaction resistance, N, shape (rows,) or one number.
+
+        Parameters
+        ----------
+        state
+            Load, wheel, sinkage and soil of each row.
+        conditions
+            Settings of the rows, SI units.
+        """
         return 0.0
 
     def thrust_factor(self, state: WheelState, conditions: Conditions) -> Array | float:
+        """Return the factor on thrust and torque, shape (rows,) or one number.
+
+        Parameters
+        ----------
+        state
+            Load, wheel, sinkage and soil of each row.
+        conditions
+            Settings of the rows, SI units.
+        """
         return 1.0
 
     def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        """Return what the instrument shows of the sinkage, m, shape (rows,).
+
+        Parameters
+        ----------
+        sinkage
+            True sinkage, m, shape (rows,).
+        conditions
+            Settings of the rows, SI units.
+        """
         return sinkage
 
     def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
+        """Return what the instrument shows of the resistance, N, shape (rows,).
+
+        Parameters
+        ----------
+        resistance
+            True resistance, N, shape (rows,).
+        conditions
+            Settings of the rows, SI units.
+        """
         return resistance
 
 

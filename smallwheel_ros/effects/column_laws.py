@@ -123,6 +123,8 @@ class _Moisture(ColumnLaw):
 
 @dataclass(frozen=True)
 class Exponential(_Moisture, ExponentialLaw):
+    """Exponential growth of k with the water content w: k = k0 exp(a (w - reference) / scale)."""
+
     a: float = parameter(0.2, (-6.0, 6.0), "growth of ln k over one scale of moisture")
     reference: float = constant(0.10, (-1e6, 1e6), "moisture at which k is k0")
     scale: float = constant(0.05, (1e-12, 1e6), "difference in moisture that changes ln k by a")
@@ -130,6 +132,8 @@ class Exponential(_Moisture, ExponentialLaw):
 
 @dataclass(frozen=True)
 class Power(_Moisture, PowerLaw):
+    """Power law of k over the water content w: k = k0 (w / reference)^p."""
+
     p: float = parameter(0.2, (-30.0, 30.0), "growth of ln k with ln moisture")
     reference: float = constant(0.10, (1e-12, 1e6), "moisture at which k is k0")
 

@@ -54,12 +54,12 @@ def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high
 
 
 class Drafted(Effect):
-    """Base of a drafted law.
+    """Base of the effects that `smallwheel learn` writes as Python files (drafts of laws).
 
     Attributes
     ----------
     version
-        Version of the file's format.
+        Version of the format of these files.
     valid
         Lowest and highest value of each setting in the data that it was learnt from, by name, SI units.
 

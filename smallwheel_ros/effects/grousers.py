@@ -33,6 +33,8 @@ class _Digging(_Grouser, BySlip):
 
 @dataclass(frozen=True)
 class Digging(_Digging):
+    """Grousers of height h dig a depth that is proportional to slip."""
+
     formula = "z = z0 + a h i, i > 0"
     source = "empirical: soil carried away in proportion to height and slip"
 
@@ -44,6 +46,8 @@ class Digging(_Digging):
 
 @dataclass(frozen=True)
 class LugDigging(_Digging):
+    """Grousers of height h dig a depth by Reece's law, which grows without bound towards slip 1."""
+
     formula = "z = z0 + a h i / (1 - i), i > 0 (i up to 0.95)"
     source = (
         "Reece 1965-66 with a = 1 (unverified); range from the sinkages of three rigs, 0.3 to 0.6"
@@ -61,6 +65,8 @@ PartlyDugDigging = partly_dug(Digging)
 
 @dataclass(frozen=True)
 class Traction(_Grouser):
+    """Thrust of a wheel with grousers of height h, by Bekker's law for a track with spuds."""
+
     formula = "H0 = b l c (1 + a 2 h/b) + W tan(phi) [1 + a 0.64 (h/b) arctan(b/h)]"
     source = "Bekker 1956 for a track, a = 1, as rover calculations quote it (original not seen)"
     needs = ("grouser_height",)

@@ -50,6 +50,8 @@ class _SlipSinkage(BySlip):
 
 @dataclass(frozen=True)
 class Exponential(_SlipSinkage):
+    """Sinkage that grows exponentially with the slip of a driven wheel."""
+
     formula = "z = z0 exp(a i), i > 0"
     source = "empirical; Ding et al. 2010: 3 to 7 times the static sinkage at slip 0.6"
 
@@ -61,6 +63,8 @@ class Exponential(_SlipSinkage):
 
 @dataclass(frozen=True)
 class Quadratic(_SlipSinkage):
+    """Sinkage that grows by a share of itself, a quadratic function of the slip of a driven wheel."""
+
     formula = "z = z0 (1 + s [(1 - q) i + q i^2]), i > 0"
     source = "empirical; q = 0 is linear, q = 1 a pure square"
 
@@ -76,6 +80,8 @@ class Quadratic(_SlipSinkage):
 
 @dataclass(frozen=True)
 class AddedDepth(_SlipSinkage):
+    """A driven wheel digs a depth that depends on slip and diameter, not on the load."""
+
     formula = "z = z0 + a D [(1 - q) i + q i^2], i > 0"
     source = (
         "empirical: a slipping rim carries soil away, whatever the load; three sands 0.09 to 0.13 D"
@@ -94,6 +100,8 @@ class AddedDepth(_SlipSinkage):
 
 @dataclass(frozen=True)
 class FadingQuadratic(Quadratic):
+    """Growth of sinkage that is quadratic in slip, and less at a slip angle beta."""
+
     formula = "z = z0 (1 + s [(1 - q) i + q i^2] cos^p beta), i > 0"
     source = "empirical: at a slip angle, slip along the wheel's plane counts for less"
     needs = ("slip", "slip_angle")
@@ -110,6 +118,8 @@ PartlyDugQuadratic = partly_dug(Quadratic)
 
 @dataclass(frozen=True)
 class Softening(_SlipSinkage):
+    """Soil that gets softer with the slip of a driven wheel."""
+
     formula = "k = k0 exp(-a i), i > 0"
     source = "after Ding et al. 2010: soil that is sheared carries less, so the wheel floats deeper"
 
@@ -129,6 +139,8 @@ class _SkidSinkage(BySlip):
 
 @dataclass(frozen=True)
 class SkidQuadratic(_SkidSinkage, Quadratic):
+    """Sinkage that grows by a share of itself, a quadratic function of the skid of a braked wheel."""
+
     form = "quadratic"
     formula = "z = z0 (1 + s [(1 - q) |i| + q i^2]), i < 0"
 
@@ -143,6 +155,8 @@ PartlyDugSkidQuadratic = partly_dug(SkidQuadratic)
 
 @dataclass(frozen=True)
 class SkidSoftening(_SkidSinkage, Softening):
+    """Soil that gets softer with the skid of a braked wheel."""
+
     form = "softening"
     formula = "k = k0 exp(-a |i|), i < 0"
 
@@ -151,6 +165,8 @@ class SkidSoftening(_SkidSinkage, Softening):
 
 @dataclass(frozen=True)
 class SkidFadingQuadratic(SkidQuadratic, FadingQuadratic):
+    """Growth of sinkage that is quadratic in skid, and less at a slip angle beta."""
+
     form = "fading_quadratic"
     formula = "z = z0 (1 + s [(1 - q) |i| + q i^2] cos^p beta), i < 0; compaction resistance at z0"
     source = "empirical: at a slip angle, skid along the wheel's plane counts for less"
@@ -171,6 +187,8 @@ class _SlipAngleSinkage(Effect):
 
 @dataclass(frozen=True)
 class AngleCosine(_SlipAngleSinkage):
+    """Sinkage that grows with 1 - cos of the slip angle beta."""
+
     form = "cosine"
     formula = "z = z0 (1 + a (1 - cos beta))"
 
@@ -182,6 +200,8 @@ class AngleCosine(_SlipAngleSinkage):
 
 @dataclass(frozen=True)
 class AnglePower(_SlipAngleSinkage):
+    """Sinkage that grows with a power of the slip angle beta."""
+
     form = "power"
     formula = "z = z0 (1 + a (|beta| / beta0)^p)"
 
@@ -200,6 +220,8 @@ PartlyDugAnglePower = partly_dug(AnglePower)
 
 @dataclass(frozen=True)
 class AngleSoftening(_SlipAngleSinkage):
+    """Soil that gets softer with the slip angle beta."""
+
     form = "softening"
     formula = "k = k0 exp(-a |beta|)"
 

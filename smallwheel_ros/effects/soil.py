@@ -44,6 +44,8 @@ class _LoadDependentModulus(Effect):
 
 @dataclass(frozen=True)
 class LoadPower(_LoadDependentModulus):
+    """k that is proportional to a power of the load W."""
+
     form = "power"
     formula = "k = k0 (W / W0)^g"
     source = "empirical; Meirion-Griffith and Spenko 2011, fig. 3 (after Richter 2002) shows it"
@@ -66,6 +68,8 @@ class _WidthDependentModulus(Effect):
 
 @dataclass(frozen=True)
 class Bekker(_WidthDependentModulus):
+    """Bekker's modulus kc/b + kphi, in terms of its value at a reference width b0."""
+
     formula = "k = k0 (1 - a + a b0 / b): kc/b + kphi with a = (kc/b0) / (kc/b0 + kphi)"
     source = "Bekker 1956 (eq. 5 of Meirion-Griffith and Spenko 2011)"
 
@@ -94,6 +98,8 @@ class _PenetrationRate(Effect):
 
 @dataclass(frozen=True)
 class SpeedPower(_PenetrationRate):
+    """k that is proportional to a power of the speed of travel v."""
+
     form = "power"
     formula = "k = k0 (v / v0)^mu"
     source = "after Pope 1969, 1971 (unverified)"
@@ -108,6 +114,8 @@ class SpeedPower(_PenetrationRate):
 
 @dataclass(frozen=True)
 class PenetrationSpeed(_PenetrationRate):
+    """k that is proportional to a power of the vertical speed at which the rim enters the soil."""
+
     formula = "p = k0 z^n D^m (v sqrt(z / D) / v0)^mu"
     source = "as the power law, driven by the speed at which the wheel enters the soil"
 
@@ -131,6 +139,8 @@ class _Hardpan(Effect):
 
 @dataclass(frozen=True)
 class PrestonThomas(_Hardpan):
+    """Pressure that rises without bound towards a rigid layer at depth 1/c."""
+
     formula = "p = k z^n D^m (-ln(1 - c z) / (c z)), c = 1 / (depth of the layer)"
     source = "Preston-Thomas: p = -km zm ln(1 - z/zm) (unverified), as a factor on the power law"
 
@@ -146,6 +156,8 @@ class PrestonThomas(_Hardpan):
 
 @dataclass(frozen=True)
 class TwoLayer(_Hardpan):
+    """A soil whose stiffness changes smoothly, about depth h, from an upper to a lower layer."""
+
     formula = "p = k z^n D^m (1 + s z^2 / (z^2 + h^2))"
     source = "two layers with a smooth change over the depth h"
 
@@ -161,6 +173,8 @@ class TwoLayer(_Hardpan):
 
 @dataclass(frozen=True)
 class Exponential(_Hardpan):
+    """A soil that gets firmer exponentially with depth."""
+
     formula = "p = k z^n D^m exp(c z)"
     source = "empirical: soil that firms steadily with depth"
 
@@ -193,6 +207,8 @@ class _Bulldozing(Effect):
 
 @dataclass(frozen=True)
 class Rankine(_Bulldozing):
+    """Rankine's passive earth pressure on soil of unit weight g, from its weight and its cohesion c."""
+
     formula = "R = s b (g z^2 Kp / 2 + 2 c z sqrt(Kp)), Kp = tan^2(45 deg + phi/2)"
     source = "passive earth pressure of Rankine; for wheels Bekker 1956 (unverified)"
 
@@ -206,6 +222,8 @@ class Rankine(_Bulldozing):
 
 @dataclass(frozen=True)
 class Cohesionless(_Bulldozing):
+    """Rankine's passive earth pressure on soil of unit weight g, from its weight alone."""
+
     formula = "R = s b g z^2 Kp / 2, Kp = tan^2(45 deg + phi/2)"
     source = "passive earth pressure of Rankine without cohesion"
 
@@ -240,6 +258,8 @@ class _Multipass(Effect):
 
 @dataclass(frozen=True)
 class PassPower(_Multipass):
+    """Depth of the rut that is proportional to a power of the pass number N."""
+
     form = "power"
     formula = "z = z1 N^p"
     source = "Abebe 1989 (unverified), p = 1/a: a 2 to 3 loose, 3 to 4 medium, 4 to 5 firm soil"
@@ -254,6 +274,8 @@ class PassPower(_Multipass):
 
 @dataclass(frozen=True)
 class Hardening(_Multipass):
+    """k that is proportional to a power of the pass number N."""
+
     formula = "k = k1 N^p"
     source = "empirical; sinkage is that of the pass itself"
 
@@ -280,6 +302,8 @@ class _ElasticRebound(Effect):
 
 @dataclass(frozen=True)
 class Compliance(_ElasticRebound):
+    """A rut that rises after the wheel in proportion to the mean pressure under it."""
+
     formula = "rut = z - W / (b sqrt(D z) ku), parameter 1 / ku"
     source = "linear unloading; ku 5 to 50 MPa/m (unverified)"
 

@@ -288,7 +288,7 @@ class Fitter:
     repeats
         Repeatability of the values.
     law
-        Makes the predictor of the points; by default that of the model itself.
+        Function that makes the predictor of the points; by default that of the model itself.
     working
         Whether values are weighted without the errors that many of them share, which would otherwise absorb
         what the parameters can describe (`variance`). The effect of these errors on the parameters is in
@@ -436,7 +436,7 @@ class Fitter:
         return replace(self, points=self.points.take(keep), level=self.level[keep], repeats=part)
 
     def covariance(self, fit: Fit, spread: Array | None = None) -> Covariance:
-        """Compute the covariance V that weights the values in a fit, plus U U' if U is given.
+        """Compute the covariance V by which a fit weights the values' errors, plus U U' if U is given.
 
         Parameters
         ----------
@@ -445,6 +445,11 @@ class Fitter:
         spread
             U, such that U U' is the covariance that the prior of the parameters gives to the predictions
             (`Fit.taken_up`), shape (values, columns).
+
+        Returns
+        -------
+        Covariance
+            Shape (values, values), in the products of the values' units.
         """
         return self.variance.covariance(fit.scatter, fit.stiffness, spread)
 

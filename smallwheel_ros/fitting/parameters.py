@@ -90,8 +90,8 @@ def instrument_prior(p: Parameter, size: float) -> Prior:
     p
         Declared parameter of the fault, with bounds and unit.
     size
-        Typical reading, in the parameter's unit, of which the scale is a share `INSTRUMENT`. A parameter in
-        metres, a zero of sinkage, has a scale of its own (`SINKAGE_ZERO_STD`).
+        Typical reading, in the parameter's unit; the scale of the prior is the share `INSTRUMENT` of it. Not
+        used for a parameter in metres (a zero of sinkage), whose prior has the scale `SINKAGE_ZERO_STD`.
 
     Returns
     -------
@@ -370,7 +370,7 @@ class ParameterVector:
         return np.array(mine, dtype=np.intp)
 
     def begun_at(self, other: ParameterVector, theta: Array) -> Array:
-        """Return starting values, taken from another vector for parameters of the same name.
+        """Return starting values: those of another vector for parameters of the same name, else `start`.
 
         Parameters
         ----------

@@ -126,12 +126,12 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
 
 
 def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
-    """Return whether pull and torque may help to determine n.
+    """Return whether a fit may use pull and torque to determine the exponent n of each soil.
 
-    They may if sinkage and resistance alone leave n of every soil undetermined, and including pull and
-    torque makes its standard deviation at most 5 % larger, with the error of their law counted. This is so
-    under a single load, for example. Otherwise that error would bend an n that is known better without
-    them.
+    It may if sinkage and resistance alone leave n of every soil undetermined, and if its standard deviation
+    with pull and torque, which includes the error of their law, is at most 5 % larger than without. This is
+    so under a single load, for example. Otherwise the error of their law would distort an n that is better
+    known without them.
 
     Parameters
     ----------

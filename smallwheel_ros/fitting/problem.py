@@ -69,11 +69,12 @@ class Base:
     fixed_m
         Value at which m of every soil is held (0 is the law of Bernstein and Goriatchkin); None fits it
         where bodies of several diameters were measured in the soil.
-    told
-        By id of an effect in `parts` that pull and torque determine: the part that replaces it in fits of
-        the other channels, with what pull and torque show of it as its prior.
+    informed
+        Parts that replace those of the same id in `parts` in fits without pull and torque; their priors are
+        the posteriors that pull and torque gave. By id; empty unless a fault of the sinkage gauge was found
+        by pull and torque (`diagnosis.faults`).
     notes
-        Sentences on what the given model has and this one lacks.
+        Sentences on what the model given by the user has and this one lacks.
     """
 
     effects: tuple[Effect, ...] = ()
@@ -83,7 +84,7 @@ class Base:
     priors: Mapping[str, ParameterPrior] = field(default_factory=dict)
     parts: tuple[EffectPart, ...] = ()
     fixed_m: float | None = None
-    told: Mapping[str, EffectPart] = field(default_factory=dict)
+    informed: Mapping[str, EffectPart] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -169,10 +170,10 @@ def one_diameter(points: Points, soil: str) -> bool:
 
 
 def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
-    """Make the base for a fit that starts from a known model.
+    """Return the model to fit for a user who starts from a known model.
 
-    Its soils and effects are refitted within its covariance, unless it has none or was fitted to this very
-    data: then soils start from it and have the usual prior.
+    Its soils and effects are refitted under a prior with its covariance, unless it has none or was fitted to
+    this very data: then soils start from it and have the usual prior.
 
     Parameters
     ----------
@@ -353,8 +354,8 @@ class Problem:
     outliers
         Numbers of the table's rows that were left out.
     judging
-        Whether values are weighted by the full covariance of their errors, to compare models; otherwise the
-        errors that many values share are left out of the weights of a fit (`Fitter.working`).
+        Whether models are to be compared, for which values are weighted by the full covariance of their
+        errors; otherwise a fit's weights leave out errors that many values share (`Fitter.working`).
     folds
         Results of `fold` that were computed before, by the runs of the training points.
     """
@@ -395,19 +396,19 @@ class Problem:
         points = points.only([n for n in points.channels if n in self.points.channels])
         return replace(self, points=points, outliers=outliers)
 
-    def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
+    def with_part(self, part: EffectPart, informed: EffectPart) -> Problem:
         """Return the same problem with one more fitted effect in the base model.
 
         Parameters
         ----------
         part
-            The effect in fits of all channels.
-        told
-            The same effect in fits without pull and torque, with a prior from what these show
-            (`Base.told`).
+            The effect as fits of all channels use it.
+        informed
+            The same effect as fits without pull and torque use it: its prior is the posterior that pull and
+            torque gave (`Base.informed`).
         """
-        parts, known = (*self.base.parts, part), {**self.base.told, part.id: told}
-        return replace(self, base=replace(self.base, parts=parts, told=known))
+        parts, known = (*self.base.parts, part), {**self.base.informed, part.id: informed}
+        return replace(self, base=replace(self.base, parts=parts, informed=known))
 
     @cached_property
     def vector(self) -> ParameterVector:
@@ -431,9 +432,9 @@ class Problem:
             raise FittingError("one measurement cannot be fitted: measure at least a few loads")
         level = levels_of(points)
         working = points.share_errors and not self.judging
-        # A fault of the shown sinkage that pull and torque told is fitted to them, too.
+        # A fault of the shown sinkage that was found by pull and torque is fitted to them, too.
         apart = bool(points.forces) and len(points.forces) < len(points.channels)
-        apart = working and apart and not self.base.told
+        apart = working and apart and not self.base.informed
         fitter = Fitter(points, level, repeats_of(points, level), working=working, apart=apart)
         fit = self._rested(fitter, opening(points, self.vector))
         if apart and pull_may_bend(fitter, fit):
@@ -482,7 +483,7 @@ class Problem:
         if len(self.points.forces) in (0, len(self.points.channels)):
             return self
         points = self.points.only([n for n in self.points.channels if n not in FORCES])
-        parts = tuple(self.base.told.get(part.id, part) for part in self.base.parts)
+        parts = tuple(self.base.informed.get(part.id, part) for part in self.base.parts)
         return replace(self, points=points, base=replace(self.base, parts=parts))
 
     @cached_property

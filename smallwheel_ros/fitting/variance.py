@@ -259,7 +259,7 @@ class VarianceModel:
     def total(
         self, log_deviation: Array, kernels: Array, spread: Array | None = None
     ) -> Covariance:
-        """Compute V from the components' deviations, plus U U' if U is given.
+        """Compute the covariance V of the values' errors from each component's, plus U U' if U is given.
 
         Parameters
         ----------
@@ -270,6 +270,11 @@ class VarianceModel:
         spread
             U, such that U U' is the covariance that the prior of the parameters gives to the predictions
             (`Fit.taken_up`), shape (values, columns).
+
+        Returns
+        -------
+        Covariance
+            Shape (values, values), in the products of the values' units.
 
         Raises
         ------
@@ -282,7 +287,7 @@ class VarianceModel:
     def covariance(
         self, scatter: Scatter, stiffness: Array, spread: Array | None = None
     ) -> Covariance:
-        """Compute V from variance components, plus U U' if U is given (see `total`).
+        """Compute the covariance V of the values' errors, plus U U' if U is given (see `total`).
 
         Parameters
         ----------
@@ -292,6 +297,11 @@ class VarianceModel:
             df / d ln k of each value (`Fit.stiffness`), shape (values,).
         spread
             U (`Fit.taken_up`), shape (values, columns).
+
+        Returns
+        -------
+        Covariance
+            Shape (values, values), in the products of the values' units.
         """
         kernels = self.kernels(stiffness, scatter.log_length)
         return self.total(scatter.log_deviation, kernels, spread)

@@ -35,10 +35,7 @@ _DULL = 0.02  # slope of ln value by ln factor under which a channel says nothin
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
-    """Turn the result of a search into plain values, the document of `smallwheel learn --json`.
-
-    Its `measure_next` and `file` are None here, and laws that were learnt after this one are absent: the
-    caller fills them in.
+    """Make the document of `smallwheel learn --json` from the result of a search.
 
     Parameters
     ----------
@@ -48,6 +45,14 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
         The result of a search.
     name
         Id of the law.
+
+    Returns
+    -------
+    dict
+        Plain values, SI units: `verdict`, `reasons`, `data`, `search` (size, p value), `held_out` errors by
+        channel, the `law` (None if none is drafted), the `tied` formulas, their `places`, the curve `shape`
+        (`shape_of`), the corrections `implied` by single points, `notes` and `warnings`. `measure_next` and
+        `file` are None, and laws that were learnt after this one are absent: the caller adds them.
     """
     problem, grid, best = sought.problem, sought.grid, sought.best
     found: Entry = {
@@ -154,25 +159,26 @@ def _interval(number: Number, best: JudgedLaw) -> tuple[float, float]:
 
 
 def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | None:
-    """Compute the curve of a law over its driver, and those of all laws that fit equally well.
-
-    None if the law depends on no driver, on several, or on the depth.
+    """Compute the curve of a law over its one driver, and those of the laws that fit equally well.
 
     Parameters
     ----------
     fitter
         Fitter that fitted the laws.
     best
-        The law, with those that fit as well.
+        The law, and the laws that fit equally well (`tied`).
 
     Returns
     -------
     shape : dict
-        Arrays of shape (x,): `x`, the driver, SI; `factor`, that of the law (a shift where the place adds,
-        per unit of its carrier); `low` and `high`, which enclose all tied laws of the same place and drivers
-        with two standard deviations.
+        Arrays of shape (points of the curve,): `x`, values of the driver over its measured range, SI;
+        `factor`, the law's factor there, or what it adds (in the unit of `Place.unit`) if `Place.added`;
+        `low` and `high`, a band of two standard deviations about the law and the tied laws that act at the
+        same place and have the same driver.
     curves : list of ndarray
-        The factor or shift of each of these tied laws but the law itself, shape (x,).
+        The factor, or what is added, of each of these tied laws except the law itself, as `factor`.
+
+    None in place of both if the law depends on no driver, on several, or on the depth.
     """
     law, points = best.law.law, fitter.points
     if len(law.drivers) != 1 or not law.columns:

@@ -57,7 +57,7 @@ class Number:
 
 
 def numbers_of(fitter: Fitter, candidate: LawCandidate) -> list[Number]:
-    """List a law's numbers, fitted, with their standard deviations: strengths, then constants of shape.
+    """Return the fitted numbers of a law with their standard deviations: strengths, then constants of shape.
 
     Parameters
     ----------

@@ -56,26 +56,29 @@ def _compiled(code: str) -> CodeType:
 
 @dataclass(frozen=True)
 class Shape:
-    """A function of one driver u, with at most one constant c. Terms are products of shapes.
+    """A function of one driver u, such as u^2 or tanh(u/c), with at most one constant c.
+
+    A term of a law is a product of shapes, one for each of its drivers.
 
     Attributes
     ----------
     name
-        Name of the shape.
+        Name of the shape, such as `saturation`.
     code
-        Python expression in u and c.
+        The function as a Python expression in u and c, which is evaluated.
     text
-        Formula for people, with {u} and {c}.
+        The function as a formula to be shown, a format string with {u} and {c}.
     power
-        The value has the unit of u to this power (0: no unit).
+        Power of u's unit that the function's value has: 2 for u^2, 0 for a pure number.
     constant
-        `none` if it has no c, `free` if c is fitted, `given` if c is the driver's `middle`.
+        `none` if it has no c, `free` if c is fitted, `given` if c is `Driver.middle`.
     written
-        Number of further numbers in its code, which count in the length of the description as c does.
+        Number of numbers in `code` besides c that the search chooses, such as the period of a wave. Each adds
+        to the length of the law's description, as c does.
     alone
-        Whether a term of it is never added to another term.
+        Whether a term with this shape is never added to another term.
     side
-        +1 if it is zero for u below 0, -1 if it is zero for u above 0; else 0.
+        +1 if the function is 0 for u below 0, -1 if it is 0 for u above 0; else 0.
     """
 
     name: str
@@ -131,31 +134,33 @@ def wave(period: float) -> Shape:
 
 @dataclass(frozen=True)
 class Driver:
-    """A variable that a law can depend on, SI units.
+    """A variable that a law can depend on: a setting, or a ratio of several; SI units.
 
     Attributes
     ----------
     name
-        Name for people: a setting, or a formula of several, as "width/diameter".
+        Name in formulas that are shown: a setting, such as `slip`, or a ratio, such as `width/diameter`.
     columns
-        Settings from which it is computed; empty for sinkage/diameter.
+        Settings from which it is computed; empty for `sinkage/diameter`.
     variable
-        Its name in a drafted file.
+        Name of the Python variable for it in the file of a law.
     code
-        Python expression in `conditions` (and `state`, a `WheelState`) that computes it; the search evaluates
-        it, and a drafted file contains it.
+        Python expression that computes it from `conditions` (and from `state`, a `WheelState`). The search
+        evaluates this expression, and the file of a law contains it.
     unit
         SI unit; "1" for a pure number.
     weight
-        The number of drivers that it counts as when laws are compared.
+        Number of drivers that it counts as where laws with fewer drivers are preferred: 1 for a setting,
+        more for a ratio.
     reference
-        Value that is subtracted from it, SI: not 0 if its range is far from zero, as a temperature in K.
+        Value that is subtracted before a shape is applied, SI; 0 unless the measured range is far from zero,
+        as that of a temperature in K.
     low, high
-        Ends of its measured range after the subtraction, SI.
+        Ends of the measured range, less `reference`, SI.
     middle
-        Median of its magnitude after the subtraction, SI.
+        Median of the measured |value - reference|, SI.
     quantiles
-        Quantiles (`_QUANTILES`) of its values after the subtraction, SI.
+        Quantiles (0.15 to 0.85) of the measured values, less `reference`, SI.
     levels
         Number of different values that were measured.
     """
@@ -199,7 +204,7 @@ class Driver:
 
     @property
     def text(self) -> str:
-        """The driver as written in a formula for people."""
+        """The driver as written in a formula that is shown."""
         return f"({self.name} - {self.reference:.12g})" if self.reference else self.name
 
     def place(self, value: float) -> str:
@@ -416,7 +421,7 @@ class Term:
         return made[0] if len(made) == 1 else f"({' * '.join(made)})"
 
     def text(self, constant: float | None) -> str:
-        """The term in a formula for people. constant: the free constant c; None for a term without one."""
+        """The term in a formula that is shown. constant: the free constant c; None for a term without one."""
         parts = []
         for driver, shape in self.factors:
             c = constant if shape.constant == "free" else driver.middle

@@ -49,7 +49,8 @@ class Place:
     added
         Whether the change is added; else it is a factor.
     carrier
-        Symbol of the quantity that the change of R multiplies, for people; empty if it is added as a force.
+        Symbol, in formulas that are shown, of the quantity that the change of R multiplies; empty if the
+        change is added as a force.
     unit
         SI unit of a strength.
     nats
@@ -202,7 +203,7 @@ class LearntLaw:
         return f"    def {self.place.method}:\n{body}{self.place.more}"
 
     def formula(self, numbers: Mapping[str, float]) -> str:
-        """The law as a formula for people, as "z = z0 exp(0.4 tanh(slip/0.215))". numbers: by name."""
+        """The law as a formula to be shown, as "z = z0 exp(0.4 tanh(slip/0.215))". numbers: by name."""
         said = ""
         for i, term in enumerate(self.terms, 1):
             value, text = numbers[f"a{i}"], term.text(numbers.get(f"c{i}"))
@@ -250,7 +251,8 @@ def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]
     numbers
         Starting values of `law.names`, SI units; those beyond their bounds are clipped.
     size
-        Usual magnitude of each term's strength, SI, whose prior has mean 0 and three times that as deviation.
+        Usual magnitude of each term's strength, SI; the strength's prior has mean 0 and three times this
+        magnitude as standard deviation.
     """
     free = []
     for name in law.names:

@@ -125,7 +125,7 @@ def learnt(
     most
         Largest number of laws to learn, each with those before it in the model.
     progress
-        Called with each step in words, the number done, and the number in all (0: unknown).
+        Called with the name of each step, the number of its parts done, and their total (0: not known).
 
     Raises
     ------

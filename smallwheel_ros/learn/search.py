@@ -196,20 +196,23 @@ class Site:
 
 @dataclass(frozen=True)
 class Effort:
-    """Number of laws that each step of a search fits.
+    """Numbers of laws that the steps of a search fit (`LawSearch.run`).
 
     Attributes
     ----------
     first
-        Laws with the best expected score about the model without a law, which are fitted first.
+        Laws that are fitted first: those with the best score expected from predictions linearised about the
+        model without a law, and the best at each place.
     again
-        For each further round, the number of fitted laws about which predictions are linearised again.
+        One number for each further round, in which all terms are ranked again: by predictions linearised
+        about the fits of so many of the best laws, one for each place and set of drivers.
     forms
-        Laws that are fitted for each of these and each link.
+        Laws that are fitted for each of these fits and each link (`LearntLaw.link`).
     seconds
-        Laws that are tried with a second term.
+        The best laws of one term, which are fitted again with a second term of the same driver.
     anew
-        Laws that are fitted again once the scatter is estimated; the others only get a new score.
+        The best laws that are refitted after the last round, with the scatter then estimated; the others only
+        get a new score.
     """
 
     first: int
@@ -287,7 +290,7 @@ class LawSearch:
     # --- What a tangent proposes
 
     def slope(self, fit: Fit, place: Place) -> Array:
-        """Derivative of the predictions with respect to ln of the place's factor, or to its shift.
+        """Derivative of the predictions with respect to ln of the place's factor, or to what is added there.
 
         Shape (values,), in the unit of each value per unit of the place's strength.
 

@@ -50,7 +50,7 @@ class Yardstick:
     Attributes
     ----------
     count
-        n, the number of values over the number of channels.
+        n, the number of values divided by the number of channels.
     rows
         Row of the conditions of each point, shape (points,).
     """

@@ -117,8 +117,6 @@ def seek(
 ) -> Sought:
     """Search for one law that a model lacks. The same seed gives the same answer.
 
-    The comments' numbers are those of "How it decides" in docs/learn.md.
-
     Parameters
     ----------
     measurements
@@ -128,8 +126,9 @@ def seek(
     seed
         Seed of the permutations, the folds and the choice of the settings that are kept apart.
     progress
-        Called with each step in words, the number done, and the number in all (0: unknown).
+        Called with the name of each step, the number of its parts done, and their total (0: not known).
     """
+    # The comments' numbers are those of "How it decides" in docs/learn.md.
     try:  # 1, 2: points, and the base
         problem = Problem.of(_by_trial(measurements), base).judged
         if reason := too_little(problem.points):

@@ -162,8 +162,8 @@ def effects_of(
     Returns
     -------
     list of Effect
-        One for each id, class or instance given. A Python file makes its effects known; all of them are
-        meant, each in the file's first form, if no other entry names one, else only the named ones.
+        One for each id, class or instance given. Ids may be those of effects in a Python file that is given;
+        if none of them is, all effects of the file are returned, each in its first form.
 
     Raises
     ------

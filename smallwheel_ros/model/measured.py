@@ -65,18 +65,20 @@ class RunScatter:
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """Error of the law of pull or torque, as standard deviations without a unit.
+    """Error of drawbar pull or torque predicted by a fitted model, due to the law of thrust itself.
 
-    Those of pull are divided by the load, those of torque by load times radius.
+    Dimensionless standard deviations: of pull over the load, of torque over load times radius.
 
     Attributes
     ----------
     known
-        The error for a wheel and slips that were measured, that of the fitted strength included.
+        Total error for wheels and slips that were measured, including that of the soil's fitted strength.
     law
-        For any other wheel or slip, the part that varies over the slips of a wheel; strength not included.
+        For wheels or slips that were not measured: the part of the law's error that differs between the
+        slips of one wheel. The error of the soil's strength is not included, but comes from the covariance.
     wheel
-        Likewise, the part common to all slips of a wheel.
+        For wheels or slips that were not measured: the part of the law's error that all slips of one wheel
+        share, likewise without the error of the strength.
     """
 
     known: float

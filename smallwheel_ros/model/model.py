@@ -181,7 +181,7 @@ class CalibratedModel(Model):
         strength too (`model_file.SOIL_PARAMETERS`), and `EFFECT.PARAMETER`. Empty if the uncertainty is
         unknown.
     provenance
-        Plain values for people by name: data, sha256, date, held_out_rmse and the like.
+        Where the model comes from, as texts and numbers by name: data, sha256, date, held_out_rmse and so on.
     measured
         Ranges and scatter of the data.
     rivals

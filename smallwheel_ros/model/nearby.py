@@ -33,12 +33,15 @@ def neighbours(
     shear: Shear = (),
     geometry: Geometry = "contact_integral",
 ) -> Prediction:
-    """Predict wheels on their soils, and again with small changes of law and load, for use by `slopes`.
+    """Predict wheels at their soil's parameters and load, and at slightly smaller and larger ones.
+
+    `slopes` makes derivatives of the results, as central differences.
 
     Parameters
     ----------
     laws
-        ln K (Pa/m^n) at a diameter of `REFERENCE_DIAMETER`, n and m of each row's soil, shape (rows, 3).
+        ln K, n and m of each row's soil, shape (rows, 3): of the pressure p = K z^n under a wheel with a
+        diameter of `REFERENCE_DIAMETER`, K in Pa/m^n.
     conditions
         Settings of the wheels, SI units, shape (rows,) each.
     effects
@@ -52,9 +55,10 @@ def neighbours(
     Returns
     -------
     Prediction
-        Without forces. Its arrays are nine blocks of (rows,), one after the other: without any change, then
-        with each of ln K, n, m and ln load lower by `STEP`, then with each higher by `STEP`. With n, ln K
-        changes so that the pressure at the reference sinkage stays the same.
+        Without thrust, pull and torque. Its arrays have shape (9 * rows,), in blocks of (rows,): unchanged;
+        with ln K, n, m, ln load lower by `STEP`, one in each block; with the same four higher by `STEP`.
+        Where n is changed, ln K is changed with it so that the pressure at `REFERENCE_SINKAGE` stays the
+        same.
 
     Raises
     ------

@@ -68,10 +68,11 @@ class Stages:
         effect, stage
             The effect, and the name of its method.
         neutral
-            Result where a body that does not roll lacks the covariate (where the method returns NaN): a
-            number, or an array of the result's shape.
+            Result that leaves the prediction unchanged: 1 for a factor, 0 for a term that is added, the
+            value itself for a changed value; a number, or an array of the result's shape. It replaces NaN
+            in rows of pressed wheels and plates, which may have a blank covariate.
         arguments
-            The method's arguments before the conditions.
+            The arguments that the method takes before `conditions`; `conditions` are added.
 
         Returns
         -------
@@ -208,14 +209,14 @@ def _positive(name: str, column: Array) -> Array:
 
 
 def without_covariate(value: Any, neutral: Any, rolling: NDArray[np.bool_]) -> Any:
-    """Return what an effect gives, and the neutral result where a body that does not roll lacks a covariate.
+    """Replace NaN by the neutral result in rows of pressed wheels and plates, which may lack a covariate.
 
     Parameters
     ----------
     value
         Result of a method of a stage, whose last axis is the rows; NaN where a covariate is blank.
     neutral
-        Result of an effect that does nothing: a number, or an array of the result's shape.
+        Result of an effect that changes nothing (`Stages.call`): a number, or an array of the result's shape.
     rolling
         Whether the row's body rolls, shape (rows,).
     """

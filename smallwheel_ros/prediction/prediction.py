@@ -67,7 +67,7 @@ class PredictionTable(Result, shown="views.prediction"):
     result
         Predictions with their standard deviations.
     notes
-        Sentences for people: what was not measured, extrapolation, and warnings about the table.
+        Sentences to be shown: what was not measured, extrapolation, and warnings about the table.
     names
         `run` and `soil` of each row, where rows of a table were predicted that has them.
     measured
@@ -147,7 +147,7 @@ class PredictionTable(Result, shown="views.prediction"):
 
 
 def cell(row: Mapping[str, Any], quantity: str) -> str:
-    """Format a predicted quantity for people: `9.563 +- 0.21 (0.54)`.
+    """Format a predicted quantity for display: `9.563 +- 0.21 (0.54)`.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def predict_conditions(
     result
         Predictions and deviations, shape (rows,), SI units.
     notes
-        Sentences for people, each once: on rivals, on data that confirms no law, on extrapolation and, with
+        Sentences to be shown, each once: on rivals, on data that confirms no law, on extrapolation and, with
         slip, on strength that was not measured.
 
     Raises

@@ -26,40 +26,42 @@ from smallwheel_ros.simulate.truth import Array, Circumstances, Contact, TruthSo
 
 @dataclass(frozen=True)
 class HiddenLaw:
-    """The law of one effect: its formula, and its action at one stage of the truth.
+    """The law of one effect of the simulated truth: its formula, and the function that computes it.
 
-    At that stage the action is called with the effect's amplitude, the arguments of the stage, and the
-    effect's other numbers by name:
+    The simulation of a wheel calls the function at one stage, with the amplitude, the arguments that the
+    table lists, and `numbers` by name:
 
     | stage | arguments | returns |
     | --- | --- | --- |
-    | `modulus` | circumstances | factor on k for the whole contact, by row |
-    | `stress` | contact, circumstances, soil | factor on the stress at each point, (rows, nodes) |
-    | `carried_away` | contact, circumstances | thickness (m) of soil removed at each point, (rows, nodes) |
-    | `resistance` | depth (m), soil, circumstances | resistance (N) besides that of the stress, (rows,) |
-    | `rebound` | pressure (Pa) at the lowest point | rise (m) of the soil after it, (rows,), and exponent |
-    | | | e: where a share x of the rise is still to come, the pressure is x^e times that |
-    | `shown_sinkage`, `shown_resistance`, `shown_load` | value, circumstances | reading of an instrument |
-    | | | without noise |
+    | `modulus` | circumstances | factor on the soil's k, (rows,) |
+    | `stress` | contact, circumstances, soil | factor on the normal stress, (rows, nodes) |
+    | `carried_away` | contact, circumstances | thickness of the soil removed, m, (rows, nodes) |
+    | `resistance` | sinkage (m), soil, circumstances | resistance to be added, N, (rows,) |
+    | `rebound` | stress (Pa) at the lowest point | rise of the soil after it, m, (rows,); exponent e |
+    | `shown_sinkage`, `shown_resistance`, `shown_load` | true value, circumstances | reading, same unit |
+
+    While the soil rises after the lowest point, the stress falls to x^e of its value there, with x the share
+    of the rise that is still to come.
 
     Attributes
     ----------
     formula
-        For people, with A for the amplitude.
+        The law as text to be shown, with A for the amplitude.
     typical
         Amplitude at strength 1, in the SI unit of the formula.
     stage, does
-        Name of the stage, and the action.
+        Stage at which the law acts, and its function: name and callable of the table above.
     needs
-        Columns that a table has only for this effect.
+        Extra columns that a simulated table gets with this effect, since its law depends on them.
     on_stiffness
-        Whether it changes how firm the soil is for any wheel.
+        Whether it makes all soil firmer or softer. Then k is scaled so that soil stays as firm as drawn
+        (`rig.draw_design`).
     in_ruts
-        Whether it depends on the rut that earlier passes left.
+        Whether it depends on the depth of the rut that earlier passes left.
     either_sign
-        Whether the sign is drawn, too, where no size is given.
+        Whether the amplitude's sign is drawn at random where the user gives no amplitude.
     numbers
-        Numbers besides the amplitude, by name; of a pair, one is drawn between the two.
+        Constants of the formula besides A, by name. For a pair of numbers, a value between them is drawn.
     """
 
     formula: str
@@ -76,7 +78,7 @@ class HiddenLaw:
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One effect in the truth.
+    """A hidden effect with the amplitude and numbers drawn for one simulation.
 
     Attributes
     ----------
@@ -114,7 +116,7 @@ def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[...
     Yields
     ------
     callable
-        Takes the arguments of the stage; amplitude and numbers are filled in.
+        Function that takes the stage's arguments (`HiddenLaw`); amplitude and numbers are bound already.
     """
     for effect in effects:
         if effect.law.stage == stage:

@@ -265,7 +265,7 @@ class TruthSoil:
         Name of the soil.
     k, n, m
         Constants of the pressure p = k z^n D^m at depth z under a wheel of diameter D; k in Pa/m^(n+m), n and
-        m 1.
+        m dimensionless.
     cohesion, friction_angle
         Shear strength c + p tan(phi): Pa, rad.
     shear_deformation
@@ -294,7 +294,7 @@ def soil_of_pressure(name: str, pressure: float, n: float, m: float, **rest: flo
     pressure
         That pressure, Pa.
     n, m
-        Exponents of depth and of diameter, 1.
+        Exponents of depth and of diameter in p = k z^n D^m, dimensionless.
     **rest
         Further fields of `TruthSoil`, SI units.
 

@@ -61,7 +61,7 @@ class Truth:
     load, thrust, resistance, torque
         Of each wheel: N, N, N, N m.
     held
-        Pull of each wheel at the reference slip, 0.4, N.
+        Drawbar pull that each wheel would have at a slip of 0.4 (`REFERENCE_SLIP`), N.
     steering
         Angle of each wheel to the left of straight ahead, rad.
     crab
@@ -218,7 +218,7 @@ class SimulatedVehicle:
     failed
         Whether a leg took too long and was given up.
     most
-        Largest mean slip at more than 0.9 of the world's speed, 1.
+        Largest mean slip of the wheels in a tick at more than 0.9 of the world's speed, dimensionless.
     """
 
     def __init__(

@@ -48,9 +48,11 @@ class RimStrength:
     shear_deformation
         K of Janosi and Hanamoto (1961), m.
     rolling
-        Share of the displacement by rolling that shears the soil, 1; a tread that yields takes up the rest.
+        Share of the displacement by rolling that shears the soil, 0 to 1; a tread that yields takes up the
+        rest.
     residual
-        Shear stress at large displacements over c + p tan(phi), 1; below 1 it has a peak before (Wong 1979).
+        Ratio of the shear stress at large displacements to c + p tan(phi); below 1 the stress has a peak at
+        smaller displacements (Wong 1979).
     """
 
     cohesion: float
@@ -74,7 +76,7 @@ def rim_curves(
     load
         Load on the wheel, N.
     exponent
-        Exponent of depth in the pressure, 1.
+        Exponent n of the pressure, which is proportional to depth^n.
     strength
         Shear strength of the soil at the rim, SI units.
 
@@ -109,7 +111,7 @@ def rim_curves(
 
 @dataclass(frozen=True)
 class Sand:
-    """A sand and a rim of `response_of`, with true values.
+    """True values of a sand, and of the rim that digs into it, for `response_of`.
 
     Attributes
     ----------
@@ -120,13 +122,14 @@ class Sand:
     strength
         Shear strength.
     rim
-        Friction of a smooth, driven rim over the soil's, 1; with lugs, or skidding, it is 1.
+        Ratio of the friction under a smooth, driven rim to that of the soil; with lugs, or when skidding, 1
+        is used instead.
     dug
-        Depth dug at slip 1, over the diameter.
+        Depth dug at slip 1, as a fraction of the diameter.
     skid
-        Growth of the sinkage to slip -1, over the static sinkage.
+        Growth of the sinkage from slip 0 to slip -1, as a fraction of the static sinkage.
     lugs
-        Depth that lugs dig, over their height: times i / (1.05 - i) at slip i.
+        Factor on the depth that lugs dig, h i / (1.05 - i) at slip i, with h their height.
     """
 
     k: Array | float
@@ -263,7 +266,7 @@ def peaked_curves(
     load
         Load on the wheel, N.
     exponent
-        Exponent of depth in the pressure, 1.
+        Exponent n of the pressure, which is proportional to depth^n.
     strength
         Shear strength of the soil at the rim, SI units.
 

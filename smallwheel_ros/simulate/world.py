@@ -162,7 +162,8 @@ class Sensors:
     sinkage_noise
         Constant part of the noise of sinkage, m; another part is 0.03 of the sinkage.
     sinkage_told
-        Part of the stated deviation of sinkage that is proportional to it, 1, besides the constant one.
+        Part of the stated standard deviation of sinkage that is proportional to sinkage, as a fraction of it;
+        the constant part is `sinkage_noise`.
     sinkage_rate, load_rate, joint_rate, imu_rate
         Readings per second, Hz; those of wheel speeds, steering and torque have `joint_rate`.
     zero, gain, zero_drift
@@ -186,7 +187,7 @@ class Sensors:
     tare
         Error of the load cells' zero, N.
     torque_scale
-        Deviation of each wheel's factor on torque from 1.
+        Standard deviation of the factor about 1 by which each wheel's measured torque is wrong.
     friction
         Friction that the torque of a turning wheel includes, N m.
     encoder_steps
@@ -197,13 +198,14 @@ class Sensors:
     odometry_rate
         Readings per second, Hz, of which one is drawn.
     lag, noise
-        Delay of the odometry, s, and noise of its speed, m/s, drawn between the two.
+        Delay of the odometry, s, and noise of its speed, m/s; each is drawn between its two values.
     alike
-        Time over which errors of `own` are correlated, s: the first of the two; 0 for independent errors.
+        Time over which errors of `own` are correlated, s; 0 for independent errors. Only the first of the two
+        is used.
     scale
-        Deviation of the factor on the speed of `own` from 1.
+        Standard deviation of the factor about 1 by which the speed of `own` is wrong.
     told
-        Stated deviation of its speed over the true one; 0: not stated.
+        Standard deviation that the odometry states for its speed, divided by the true one; 0: it states none.
     pitch
         Whether its orientation has the pitch.
     imu
@@ -262,7 +264,7 @@ class World:
     legs
         Legs of the route.
     speed, ramp
-        Speed of the rims, m/s, and how it changes at most, m/s^2.
+        Speed of the rims, m/s, and the largest rate at which it changes, m/s^2.
     turning
         Rate of turning on the spot, rad/s.
     floor
@@ -272,15 +274,17 @@ class World:
     slope
         Largest slope of each of two waves, 5 and 11 m long, eastward and northward, rad.
     swing
-        Factor on the usual share of load (up to 0.24) that uneven ground shifts between the diagonals, 1.
+        Factor on the usual share of load, up to 0.24, that uneven ground shifts from the wheels of one
+        diagonal to those of the other.
     grip, own_grip, scatter
         Deviations of ln grip from place to place, of ln grip of each track in addition, and of ln k.
     drift
         Deviation of the change of ln k over 5 m, by a random walk.
     digging
-        Sinkage per metre by which a rim turns further than the wheel travels, 1, drawn between the two.
+        Sinkage in metres for each metre by which a rim turns further than the wheel travels; drawn between
+        the two.
     dragging
-        Resistance over load in addition to that of the law, 1, drawn between the two.
+        Resistance over load, dimensionless, in addition to that of the law; drawn between the two.
     hardpan
         Depth of a hard layer, m; None for none.
     rut
@@ -288,7 +292,7 @@ class World:
     right
         ln of a factor on k under the right wheels.
     bumps
-        Height of the highest stones over the diameter of the first wheel, 1.
+        Height of the highest stones, as a fraction of the first wheel's diameter.
     skid
         Share of a commanded turn that is reached, if the vehicle turns by skidding, drawn between the two;
         None if its turns are true, except on the spot.

@@ -15,7 +15,7 @@ from smallwheel_ros.diagnosis.faults import (
     _AsShown,
     _faults,
     _probability,
-    fault_told,
+    gauge_fault,
 )
 from smallwheel_ros.effects.registry import default_registry, effect
 from smallwheel_ros.fitting import Base, Problem
@@ -51,7 +51,7 @@ def measured(
 
 
 def told(data: Measurements, without: tuple[str, ...] = ()) -> Any:
-    return fault_told(Problem.of(data, Base()), REGISTRY, without)
+    return gauge_fault(Problem.of(data, Base()), REGISTRY, without)
 
 
 def test_a_good_gauge_is_not_accused() -> None:
@@ -70,8 +70,8 @@ def test_a_zero_that_pull_and_torque_ask_for_is_named_with_its_size() -> None:
     data = measured(3, 0.03, runs=60)
     found = told(data)
     assert found is not None
-    assert found.part.id == found.told.id == "sinkage_offset"
-    (free,) = found.told.parameters
+    assert found.part.id == found.informed.id == "sinkage_offset"
+    (free,) = found.informed.parameters
     assert abs(free.prior.centre - 0.03) < 3.0 * free.prior.deviation < 0.012
     # Even odds of one effect in all families, times the evidence.
     odds = math.exp(found.evidence) / len(REGISTRY.families)
