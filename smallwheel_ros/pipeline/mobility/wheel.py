@@ -38,7 +38,7 @@ _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter: sinkages among which 
 
 @dataclass(frozen=True)
 class Predicted(Mobility):
-    """Predicted mobility; the margin is that of the strength's filter.
+    """Predicted mobility of wheels on the estimated soil; the margin rests on `Strengths.reserve`.
 
     Attributes
     ----------
