@@ -124,7 +124,7 @@ class Force(NamedTuple):
 
 @dataclass(frozen=True)
 class Believed:
-    """State of the filter after a step.
+    """State of a `StrengthFilter` after a step of the path.
 
     Stacked, it holds the states for many rows: all arrays, `end` included, then have a leading axis of rows.
 
