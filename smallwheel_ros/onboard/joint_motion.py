@@ -70,7 +70,7 @@ class JointMotion:
         velocity, position
             rad/s and rad, shape (messages,); NaN where a message has none.
         has
-            Whether a message has a velocity, even NaN, shape (messages,).
+            Whether a message has the field for the joint's velocity, even if that is NaN, shape (messages,).
 
         Returns
         -------

@@ -63,9 +63,10 @@ class VelocityUnit:
     def take(
         self, stamps: Integers, values: Array, wait: int = 0
     ) -> tuple[Integers, Array, Integers, Integers]:
-        """Process further messages, in the order in which they arrived.
+        """Release or refuse further messages of the joint, in the order in which they arrived.
 
-        While the unit is unknown, messages in which the joint turns wait for later ones.
+        While the unit is unknown, messages are held back, once the joint turns, for at most three quarters of
+        `wait`; then they are released, or refused where the unit is, or may be, another one.
 
         Parameters
         ----------
@@ -75,18 +76,18 @@ class VelocityUnit:
             Velocity (rad/s) and position (rad) of each message, NaN where it has none, and further columns
             that belong to it, shape (messages, columns).
         wait
-            Time for which streams wait for late messages, ns.
+            Time by which the streams can wait for messages that come late, ns.
 
         Returns
         -------
         stamps, values : ndarray
-            Stamps, shape (used,), ns, and values, shape (used, columns), of messages that may be used; some
-            may be from earlier calls.
+            Stamps, shape (released,), ns, and rows, shape (released, columns), of messages that may be used,
+            including those held back by earlier calls.
         message : ndarray
-            Index of the message of this call with which each of them was released, shape (used,).
+            Index of the message of this call by which each of them was released, shape (released,).
         refused : ndarray
-            Stamps of messages that are not used, since their velocity is, or may be, in another unit, shape
-            (refused,), ns.
+            Stamps of messages that must not be used, since their velocity is, or may be, in another unit,
+            shape (refused,), ns.
         """
         if self._known and not self._waiting:
             every = np.arange(0 if self.wrong else stamps.size)

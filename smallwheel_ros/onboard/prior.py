@@ -50,7 +50,7 @@ def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class SoilPrior:
-    """Prior of the law p = k z^n D^m: means and standard deviations, each above 0 and at most 3.
+    """Prior of the law p = k z^n D^m: means, and standard deviations, which are above 0 and at most 3.
 
     Attributes
     ----------
@@ -63,7 +63,8 @@ class SoilPrior:
     m, m_std
         Exponent of the wheel's diameter, -3 to 3, 1.
     geometry
-        How sinkage follows from load: by the contact integral, or the closed form of the paper (eq. 10).
+        How sinkage follows from load: by the contact integral, or in closed form by eq. 10 of
+        Meirion-Griffith and Spenko 2011.
 
     Raises
     ------

@@ -82,8 +82,8 @@ class OnboardSettings(DriveParameters):
     strength_measured
         Whether the model file's strength was measured, so that it holds for this ground from the start.
     model_note
-        A remark on the model file: rivals whose mean is used, and wheels that were not measured; empty
-        if none.
+        Remarks on the model file, for the user: that the mean of several models is used, which its data
+        cannot tell apart, and which wheels or gravity are beyond those measured; empty if there are none.
     """
 
     wheels: tuple[Wheel, ...]

@@ -78,8 +78,8 @@ class SteeringAngle:
     def usable(self, stamps: Integers, angles: Array) -> NDArray[np.bool_]:
         """Tell which further messages have a usable angle.
 
-        Angles that exceed a whole turn five times must be in degrees; smaller ones then are, too, and no
-        message is used any more.
+        Angles over a whole turn are not usable. At the fifth of them all are taken to be in degrees, and no
+        further message is usable.
 
         Parameters
         ----------

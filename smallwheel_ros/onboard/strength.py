@@ -25,7 +25,10 @@ _FITTED = ("cohesion", "friction_angle", "log_shear_displacement", "rolling_shar
 
 
 def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
-    """Return the strength on board of a soil of a model: usual values, or fitted ones widened for the field.
+    """Return the strength with which the estimate starts on a soil of a model file.
+
+    It is the fitted one, with deviations widened by the scatter of a field, or, if the friction angle was not
+    fitted, the usual one of such a soil.
 
     Parameters
     ----------

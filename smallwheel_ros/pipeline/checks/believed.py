@@ -126,9 +126,10 @@ class BelievedRows:
         (m/s^2); unit vector that points up, NaN without an orientation; pitch rate (rad/s, positive nose
         down); speed by integration of the imu alone (m/s).
     trusted
-        What had been learnt about the ground speed up to each of its messages, (rows, 12): the seven
-        quantities of `Trust`, then no_twist, share, against and slides of `Known`, and whether the imu does
-        not feel how the speed changes.
+        What was known of the ground speed at each of its messages, (rows, 12); flags are 0 or 1. Columns 0
+        to 6 are the fields of `Trust` in their order; 7 no_twist, 8 share (also of an odometry that is not
+        computed from the wheels), 9 against and 10 slides as in `Known`; 11 whether the imu did not feel the
+        last change of the speed (`Unfelt.take`).
     doubted
         Which streams are doubted, and over which stamps.
     since, done

@@ -381,7 +381,7 @@ class GroundSpeed:
         against, slides = self._goes_against.take(
             mean[:, 0], half_turn[:, 0], speed, passed, *felt_ahead
         )
-        if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels
+        if self.source == ODOMETRY:  # a speed of another topic is not computed from the wheels
             made, may_be, share = self._of_wheels.take(ways_before, way, parts)
         if self.settings.steered and self.source == ODOMETRY:
             # Odometries of car-like vehicles are computed from the axle that is not steered.

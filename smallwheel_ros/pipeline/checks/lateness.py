@@ -123,21 +123,23 @@ class OfWheels:
         Parameters
         ----------
         before, way
-            Path of the rims up to the row before each row, and up to each row, shape (rows,), m.
+            Path of the rims since the start of the drive, up to the row before each row, and up to the row
+            itself, shape (rows,), m.
         parts
-            Increments of each row, shape (rows, 4): path by the rims and by the odometry (m), turn by the
-            rims (half of right minus left, m) and by the odometry (rad).
+            Motion from the row before to each row, shape (rows, 4): path by the rims and by the odometry (m),
+            turn by the rims (half of right minus left, m) and by the odometry (rad).
 
         Returns
         -------
         made : ndarray
-            Shape (rows,), bool: whether it is computed from the wheels.
+            Shape (rows,), bool: whether it is computed from the wheels. False until ten pieces of path, of
+            half a metre each, are complete.
         may_be : ndarray
-            Shape (rows,), bool: whether it may be, while the pieces are too few to decide.
+            Shape (rows,), bool: True as long as there are fewer than ten pieces and these do not rule it out.
         share : ndarray
-            Shape (rows,), 1: rms difference of its motion from the best multiple of the wheels', relative to
-            the wheels' motion; NaN before the first piece is complete, infinite where the motion is too
-            small to tell.
+            Shape (rows,), 1: residual of the odometry's motion in the pieces about a constant multiple of
+            that of the rims, relative to its size; of path or turn, whichever is smaller. NaN before the
+            first piece is complete, infinite where the motion is too small to tell.
         """
         total = _onward(self._total, parts)
         found, may_be = np.empty((2, way.size), dtype=bool)

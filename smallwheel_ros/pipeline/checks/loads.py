@@ -46,7 +46,7 @@ class HeldColumn:
         self.ways, self.counts = ([Run() for _ in vehicle.names] for _ in range(2))
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         A repeated zero counts like any other repeated number.
         """
@@ -78,7 +78,7 @@ class Weight:
         self.each = Medians()
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         The median is judged after the first metre.
         """
@@ -127,7 +127,7 @@ class Swapped:
         self.count, self.sums, self.products = 0, np.zeros(2 * n), np.zeros((2 * n, 2 * n))
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         A piece of path is used two pieces later, when all of its rows have arrived.
         """
@@ -193,7 +193,7 @@ class Impossible:
         self.middles = [Medians() for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         The median is judged after the first metre.
         """

@@ -45,7 +45,7 @@ class NoTwist:
     """Measures the path by the pose while every twist is 0."""
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         It reports as long as every twist so far was 0.
         """
@@ -98,7 +98,7 @@ class ZDown:
     """Reports an imu in most of whose rows z points down; all rules then use its gyro turned over."""
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         It reports while z points down.
         """
@@ -121,7 +121,7 @@ class RepeatedTwists:
         self.source, self.run = source, Run()
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Spans in which the source shows nothing but 0 are skipped.
         """
@@ -144,7 +144,7 @@ class OfWheelsRule:
     """Reports an odometry that is computed from the wheels; no other rule then uses it as evidence."""
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Positions of such an odometry stay in use.
         """
@@ -175,7 +175,7 @@ class Late:
         self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Rows on which the wheels of a side differ are left out: one that spins runs ahead of the speed.
         """
@@ -233,7 +233,7 @@ class Jumps:
         self.count, self.most = 0, 0.0
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Gaps of 1 s or more are not judged.
         """
@@ -265,7 +265,7 @@ class FeltGravity:
         self._seconds, self._sum = 0.0, np.zeros(3)
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         An imu that also gives an orientation stays in use, because the slope is taken from that.
         """
@@ -299,7 +299,7 @@ class Tilt:
         )  # of a stand that is not over: begin, end, heading; count, ahead, left
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         A standstill of over a second counts once it has ended.
         """

@@ -36,7 +36,7 @@ class Mirrored:
         self.total, self.against = np.zeros((2, len(self.names)))
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Only straight rows on which the wheel turns count. If all wheels turn against the travel the odometry
         is reported, except where the vehicle may slide down a slope.
@@ -77,7 +77,7 @@ class Dead:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Rows that are not judged neither extend a run of zeros nor end it.
         """
@@ -111,7 +111,7 @@ class Held:
         self.most = np.zeros(len(vehicle.names))
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Coarse encoders all repeat at a steady speed; then none is judged.
         """
@@ -153,7 +153,7 @@ class TurnRule:
         self.each = [(RunningAgreement(TURN), RunningAgreement(TURN)) for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         A vehicle with wheels on one side only is not judged.
         """
@@ -215,7 +215,7 @@ class AnotherUnit:
         self.ordinary = False
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Velocities that contradict the positions of their joint have been refused already (`VelocityUnit`).
         """
@@ -261,7 +261,7 @@ class RollingAll:
         self.felt, self.count, self._level = 0.0, 0, LEVEL * vehicle.gravity
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         Driven wheels do not skid on level ground: a ratio below 1 is not slip, a larger one may be.
         """
@@ -316,7 +316,7 @@ class RollingPair:
         self.pairs = {pair: Pieces(ROLL_PIECE, 2) for pair in pairs}
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         A wrong radius gives the same ratio on each metre; slip does not.
         """

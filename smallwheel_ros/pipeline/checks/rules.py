@@ -109,7 +109,7 @@ class Judge(Protocol):
     """A rule as it runs on one vehicle: it processes one span of 2 s after the other."""
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span, and return every fault that the rule reports at its end."""
+        """Process the rows of a span of 2 s; return every fault that the rule reports at its end."""
 
 
 @dataclass(frozen=True)
@@ -421,7 +421,7 @@ class Checks:
         self._said: set[tuple[str, str]] = set()
 
     def take(self, raw: Raw, until: int) -> list[Finding]:
-        """Keep new raw rows, and judge all spans that are complete.
+        """Keep new raw rows, and judge all spans of 2 s that are complete.
 
         Parameters
         ----------

@@ -68,7 +68,7 @@ class SteeringSign:
         self.way = 0.0  # m while wheels are steered
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
         A vehicle that turns with its wheels straight is not judged.
         """

@@ -89,7 +89,7 @@ class Unfelt:
         self._zero = self._drift = 0.0
 
     def take(self, stamps: Integers, speed: Array, earlier: Array, inertial: Array) -> Flags:
-        """Judge the messages of a speed in their order.
+        """Tell at which messages of the ground speed the imu did not feel its last change.
 
         Parameters
         ----------
@@ -98,12 +98,13 @@ class Unfelt:
         speed, earlier
             Speed over ground at these stamps and a second before, shape (rows,), m/s; NaN: unknown.
         inertial
-            Speed of `InertialSpeed` at these stamps less the delay of the ground speed, shape (rows,), m/s.
+            Speed by the imu alone (`InertialSpeed`), at these stamps less the delay of the ground speed,
+            shape (rows,), m/s; NaN: unknown.
 
         Returns
         -------
         ndarray
-            Shape (rows,), bool: True where the imu did not feel the last change of the speed.
+            Shape (rows,), bool: True where the change over the last second was not felt.
         """
         off: Array = np.empty(stamps.size)
         rows = zip(stamps.tolist(), speed.tolist(), inertial.tolist(), strict=True)

@@ -49,7 +49,7 @@ class CheckedWheels:
     mass
         Mass of the vehicle, kg; 0: not known.
     gravity
-        m/s^2.
+        Acceleration of gravity, m/s^2.
     steered
         Names of the steered wheels.
     """
@@ -254,7 +254,7 @@ class Memory:
 
 
 class Window:
-    """The rows of all sources in a span and around it; those of a source with fewer than three are None.
+    """The rows of all sources in a span of 2 s and around it; None for a source with fewer than three.
 
     `pose_steps` has the steps (m) of the odometry's pose along x and y over `GAP` about its rows.
 

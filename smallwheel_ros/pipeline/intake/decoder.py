@@ -60,7 +60,7 @@ class MessageLayout:
         if raw[:2] not in _ORDERS:
             raise ValueError(f"{len(raw)} bytes that begin with {raw[:4].hex()} are no CDR")
         self._order: Literal["big", "little"] = "big" if raw[1] == 0 else "little"
-        self._types, self.raw, self._at = types, raw, 4  # behind the encapsulation's header
+        self._types, self.raw, self._at = types, raw, 4  # after the encapsulation's header
         self.places: dict[str, Place] = {}
         self.strings: dict[str, list[str]] = {}
         self.fixed = np.zeros(
@@ -226,5 +226,5 @@ class Decoder:
 def frame_of(raw: bytes) -> str:
     """The frame_id of a serialised message (CDR) that begins with a header; empty if it has none."""
     order: Literal["big", "little"] = "little" if raw[1:2] == b"\x01" else "big"
-    length = int.from_bytes(raw[12:16], order)  # behind encapsulation and stamp
+    length = int.from_bytes(raw[12:16], order)  # after encapsulation and stamp
     return raw[16 : 16 + length].partition(b"\0")[0].decode(errors="replace")

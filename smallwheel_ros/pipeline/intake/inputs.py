@@ -42,9 +42,10 @@ class Topic:
     type
         Type of its messages, such as `sensor_msgs/msg/Imu`.
     read
-        Function of the messages' numbers by path, each (messages, count), and for joint states of the
-        joints' names in the messages' order. Returns rows by stream, each (messages, width), SI units; a row
-        of NaN alone is not to be kept.
+        Function that computes rows from messages. Its arguments are the messages' numbers by path, such as
+        `twist.twist.linear.x`, each of shape (messages, count), and the joints' names in joint states, in the
+        messages' order (any list for other types). It returns rows by stream, each of shape (messages,
+        width), SI units; a row that is NaN throughout is not to be kept.
     streams
         Names of the streams that its messages fill.
     joints

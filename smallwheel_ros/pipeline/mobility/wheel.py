@@ -40,7 +40,9 @@ _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter: sinkages among which 
 
 @dataclass(frozen=True)
 class Predicted(Mobility):
-    """Predicted mobility; the margin is that of the strength's filter, and `SUNK` where the wheel is sunk.
+    """Predicted mobility of wheels on the estimated soil.
+
+    The margin rests on `Strengths.reserve`; it is `SUNK` where the wheel is sunk to its axle.
 
     Attributes
     ----------

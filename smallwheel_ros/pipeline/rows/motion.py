@@ -207,11 +207,11 @@ def _onward(state: MotionState, rows: Aligned) -> Flags:
 def rut_of(
     wheels: tuple[Wheel, ...], wheel: Integers, onward: Flags, number: Array
 ) -> tuple[Array, Array]:
-    """Compute the depth of the rut that a wheel meets, from the number of passes.
+    """Compute the exponent p by which the rut of earlier passes changes a wheel's sinkage.
 
-    It is the exponent p of a factor exp(p g) on the wheel's sinkage, where g is the logarithm of the factor
-    after one earlier pass: p is 0 on fresh ground and 1 at the second pass. It is the mean of two laws of the
-    pass number N: log2 N, where sinkage grows with a power of N (Holm 1969), and 2 (1 - 1/N), where the first
+    Sinkage in a rut is exp(p g) times that on fresh ground, where g is the logarithm of the factor at the
+    second pass: p is 0 on fresh ground and 1 at the second pass. It is the mean of two laws of the pass
+    number N: log2 N, where sinkage grows with a power of N (Holm 1969), and 2 (1 - 1/N), where the first
     passes do most of the compaction.
 
     Parameters

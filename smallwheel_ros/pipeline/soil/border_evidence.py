@@ -49,7 +49,7 @@ class Border(NamedTuple):
     shift
         Change of ln k there; positive where the second soil is firmer.
     suspected
-        Whether any possible border is over 3 deviations.
+        Whether the change of ln k at any place tested exceeds 3 of its standard deviations.
     found
         Whether the evidence suffices to report the border. Otherwise `place` and `shift` mean nothing.
     """

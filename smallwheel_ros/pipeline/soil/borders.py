@@ -101,7 +101,7 @@ class _Known:
 
 
 class Soils:
-    """Assigns stretches to the soil that they lie on, and filters each soil.
+    """Assigns stretches of wheels' paths to the soil that they lie on, and estimates each soil's law.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ class Soils:
     def take(
         self, closed: Stretches | None, rows: Readings, anew: Sequence[int] = ()
     ) -> tuple[Integers, Integers]:
-        """Update the soils with the stretches that close in a block, by quarters of a second.
+        """Update the soils with the stretches that close in a block, every quarter of a second.
 
         Parameters
         ----------

@@ -42,19 +42,20 @@ from .stretches import WheelsUnderLoad
 
 @dataclass(frozen=True)
 class Version:
-    """The soil's law as believed after some stretches, with everything that is reported of the soil.
+    """Estimate of the soil's law after some stretches of path, with everything that is reported of the soil.
 
     Attributes
     ----------
     model
         The model of the filter's state; None before any stretch.
     law, slopes
-        (ln p, n, m) of the soil, shape (3,), and their slopes by `mean`, shape (3, size).
+        (ln p, n, m) of the soil, as defined in this module, shape (3,), and their Jacobian by the filter's
+        state, shape (3, size).
     mean, covariance
         Mean and covariance of the filter's state (`soil/model.py`), shape (size,) and (size, size); before
         any stretch those of the law alone, with a size of 3.
     scatter
-        Variances from place to place of ln k, and of sinkage in addition, m^2.
+        Variance of ln k from place to place (1), and variance of sinkage in addition to that (m^2).
     number
         Number of the soil, in the order in which soils were found.
     settled, doubt
@@ -62,12 +63,13 @@ class Version:
     accepted, outliers
         Number of readings used, and of readings left out, so far.
     border, old
-        Where this soil begins along the vehicle's path, m; wheels that have not reached it are on the version
-        of number `old`.
+        Place along the vehicle's path at which this soil begins, m, -inf without a border; and number of the
+        version that holds for wheels which have not reached it.
     variety
         Ranges of diameter and load over the stretches used.
     missing, missed_variance
-        Effect that the model lacks, or None, and the variance of ln k due to that; `scatter` includes it.
+        Alarm about an effect that the model lacks, or None, and the variance of ln k due to that effect;
+        `scatter` includes it.
     changes
         Number of borders found so far.
     distance
@@ -268,7 +270,7 @@ def law_of(version: Version) -> Law:
 
 
 class Reported:
-    """Turns versions of a soil's law into estimates whose pressure is that under one wheel diameter.
+    """Converts versions of a soil's law to estimates that state the pressure under a given wheel diameter.
 
     Parameters
     ----------

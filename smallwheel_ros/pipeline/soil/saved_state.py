@@ -137,7 +137,7 @@ def state_bytes(
 
 
 def write_state(path: Path, content: bytes, beside: Mapping[Path, bytes]) -> None:
-    """Write a saved state and the files that belong to it, all or none; these are replaced before it.
+    """Write a saved state and the files that belong to it, all or none; the state's file comes last.
 
     The folder is made if it does not exist.
 

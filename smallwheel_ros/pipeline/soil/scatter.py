@@ -44,9 +44,10 @@ class SoilScatter:
     soil
         Variance of ln k from place to place.
     share
-        Part of that variance which is left in the mean over a stretch, 1.
+        Variance of the mean of ln k over one stretch of path, over `soil`, 1.
     together
-        The same for the mean of many successive stretches, times their number, 1.
+        Variance of the mean of ln k over many successive stretches, times their number, over `soil`, 1; it
+        is larger than `share`, since neighbouring stretches are correlated.
     """
 
     _MEMORY = 150.0  # stretches over which the regression is taken
@@ -81,7 +82,7 @@ class SoilScatter:
         return self.soil, self.additive / self.share
 
     def noise(self, rows: Stretches, shown: Shown) -> tuple[Array, Array, Array]:
-        """Compute variances of the measured sinkages of stretches about the law.
+        """Compute the variance of the measured sinkage of each stretch about the prediction for a known law.
 
         Parameters
         ----------
@@ -93,11 +94,13 @@ class SoilScatter:
         Returns
         -------
         alone : ndarray
-            Variance of a stretch by itself, shape (rows,), m^2.
+            Variance of one stretch, to judge its innovation, shape (rows,), m^2.
         counts : ndarray
-            Variance that gives a stretch its weight among correlated neighbours, shape (rows,), m^2.
+            The larger variance by which it is weighted in an update, as if stretches were independent:
+            neighbours, and wheels in one track, are correlated, shape (rows,), m^2.
         base : ndarray
-            The part of both that is due to sensors and law, shape (rows,), m^2.
+            The part of both that is not scatter of the ground, shape (rows,), m^2: noise of sinkage and load,
+            error of the law's form, and uncertain effects of ruts and slip.
         """
         by_load = shown.by_load**2
         base = rows.variance + by_load * rows.load_variance

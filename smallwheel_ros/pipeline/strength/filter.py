@@ -80,7 +80,7 @@ _NEWTON_STEPS, _NEWTON_MOST, _LEAST_SLOPE = 2, 0.1, 0.1  # slip a step; of the l
 
 
 class StrengthFilter:
-    """The filter described at the head of this module, for the rolling wheels of one vehicle.
+    """Extended Kalman filter of soil strength, grip and errors of sensors; see the head of this module.
 
     Parameters
     ----------

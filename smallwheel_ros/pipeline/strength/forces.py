@@ -124,7 +124,7 @@ class Force(NamedTuple):
 
 @dataclass(frozen=True)
 class Believed:
-    """State of the filter after a step.
+    """State of a `StrengthFilter` after a step of the path.
 
     Stacked, it holds the states for many rows: all arrays, `end` included, then have a leading axis of rows.
 
@@ -190,17 +190,17 @@ class Believed:
         return forces(self.x, self.cells, at, exact_slip=exact_slip)
 
     def spread(self, push: Force, row: Array) -> Array:
-        """Compute the mean square deviation, due to the state, of forces that contain a thrust.
+        """Compute the variance of forces that contain a thrust, due to the uncertainty of the state.
 
-        Thrust is a product of soil and grip, and is taken to be lognormal: its variance is larger than to
-        first order.
+        It is the mean square deviation from the force at the state's mean. Thrust is a product of strength
+        and grip, and is taken to be lognormal, so that the result is larger than to first order.
 
         Parameters
         ----------
         push
-            The thrust.
+            The thrust that each force contains.
         row
-            Slopes of the force by the state, shape (rows, size), N over the state's units.
+            Slopes of the forces by the state, shape (rows, size), N over the state's units.
 
         Returns
         -------

@@ -75,11 +75,12 @@ class Steps:
     contact
         The wheels on their soil under their mean loads, a row each.
     level
-        Zero of the imu's specific force ahead, and its standard deviation, shape (steps, 2), m/s^2.
+        Zero of the imu's specific force ahead, and its standard deviation, shape (steps, 2), m/s^2; None:
+        unknown.
     unlisted
-        Share of the weight on wheels that are not listed, shape (steps,), 1.
+        Share of the weight on wheels that are not listed, shape (steps,), 1; None: 0.
     along
-        Cosine of the angle between the wheel's heading and the vehicle's course, shape (rows,), 1.
+        Cosine of the angle between the wheel's heading and the vehicle's course, shape (rows,), 1; None: 1.
     """
 
     end: Integers

@@ -150,7 +150,7 @@ def is_determined(P: Array, prior_std: Array) -> Flags:
 
 
 def is_told(P: Array, prior_std: Array) -> Flags:
-    """Whether the standard deviation of the friction angle is below that of the prior, by any measurement.
+    """Whether measurements have narrowed the friction angle: its deviation is below that of the prior.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ LONGEST = SECOND  # ns: after a longer time without rims the filter begins anew
 
 
 class TwistFilter:
-    """The filter described at the head of this module; it processes the stamps of the rims one by one.
+    """Kalman filter of speed, slip speeds and imu offsets of a vehicle; see the head of this module.
 
     Parameters
     ----------

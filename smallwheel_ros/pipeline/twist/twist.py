@@ -52,8 +52,8 @@ class Twists(Columns):
     vx, vx_var
         Speed ahead, m/s, and the variance of its error at one row, m^2/s^2.
     vy_var
-        Variance of the error of a speed of 0 to the left, m^2/s^2: dead reckoning with 0 is better than with
-        an estimate.
+        Variance of the error of taking the speed to the left as 0, m^2/s^2: dead reckoning with 0 is better
+        than with an estimate.
     yaw, yaw_var
         Yaw rate, rad/s, and the variance of its error, rad^2/s^2; from the rims alone where both sides are
         known, so that a gyro may be fused as well.

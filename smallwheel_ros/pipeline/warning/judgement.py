@@ -42,7 +42,7 @@ class Judged(Columns):
     level
         Level of the warning: 0, 1 (may get stuck) or 2 (gets stuck).
     spins
-        Whether the wheel spins on the spot, as most of the vehicle does.
+        Whether the wheel rolls while the rims turn and the vehicle surely gets nowhere.
     margin, margin_std
         Mean margin of ground ahead and its standard deviation, 1, from `GroundMargin.moments`.
     median, lower_std, beyond
@@ -100,7 +100,7 @@ class Judgement:
         self._levels: tuple[Integers, Integers] = np.array([NEVER]), np.zeros(1, dtype=np.int64)
         self._margins: Margins | None = None
         self._slip = np.nan
-        self._of_wheels = False  # whether the odometry has turned out to be made of the wheels
+        self._of_wheels = False  # whether the odometry is known to be computed from the wheels
         self._anew: list[int] = []  # stamps from which on what was learnt of the ground is dropped
 
     # --- Warning and margin

@@ -167,9 +167,11 @@ class GroundMargin:
     margins
         Margin of each point, 1.
     logs
-        Logarithms of the points' weights, unnormalised, by the slips at the pulls that were needed.
+        Log likelihood of each point by the slips so far, compared with those at which it gives the pull
+        that was needed; unnormalised logarithms of the points' weights.
     crossed
-        Logarithms of further weights, by the metres that the vehicle has crossed.
+        Log likelihood of each point by the fact that the vehicle has not got stuck on its path so far; added
+        to `logs` in `ahead` only.
     """
 
     def __init__(self, reference_slip: float) -> None:
@@ -262,8 +264,8 @@ class GroundMargin:
         median : float
             Median of the margin, 1.
         lower_std : float
-            Standard deviation of a normal distribution with the same lower half as that of the largest pull
-            over load that the ground gives at any slip, 1.
+            Standard deviation of the lower half of the distribution of the largest pull over load that the
+            ground gives at any slip, 1: distance from its 2.5 % quantile to its median, over 1.96.
         beyond : float
             Median of that largest pull over load less the median of the margin, 1.
         """
