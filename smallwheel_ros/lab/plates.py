@@ -312,7 +312,7 @@ def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
     fitter, fit
         Fitter of a law of size, and its fit to all values.
     group
-        Number of each value's group, as its size, shape (values,).
+        Number of each value's group, such as the index of its plate's size, shape (values,).
     """
     points = fitter.points
     error = np.full(len(points), np.nan)

@@ -232,7 +232,7 @@ def loads_by_depth(
     Parameters
     ----------
     sinkage, diameter, width
-        m, each of shape (rows,).
+        Sinkage, diameter and width of the wheels, m, each of shape (rows,).
     modulus, exponent
         K (Pa/m^n) and n, each of shape (rows,).
 
