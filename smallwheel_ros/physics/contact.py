@@ -260,9 +260,9 @@ def contact_sinkage(
     Parameters
     ----------
     load
-        W > 0, N.
+        Normal load W, N, above 0.
     diameter, width
-        D and b, m.
+        Diameter D and width b of the wheel, m.
     modulus
         K = k D^m, Pa/m^n.
     exponent

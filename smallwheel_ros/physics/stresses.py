@@ -65,9 +65,9 @@ class ShearLaw(NamedTuple):
     Attributes
     ----------
     cohesion, friction_angle
-        c, Pa, and phi, rad.
+        Cohesion c of the soil, Pa, and its angle of internal friction phi, rad.
     shear_displacement
-        K, m.
+        Shear deformation modulus K, m.
     rolling_share
         eta, 1: share of the displacement by rolling alone that shears the soil.
     rim_friction
@@ -91,7 +91,7 @@ class WheelForces(NamedTuple):
     resistance
         Backward component of the pressure, N; the drawbar pull is thrust - resistance.
     torque
-        N m.
+        Torque of the shear stresses about the axle, N m.
     load
         Load that the stresses carry, N.
     """
@@ -146,7 +146,7 @@ def wheel_forces(
     load
         Normal load, N.
     sinkage, diameter, width
-        m.
+        Sinkage, diameter and width of the wheel, m.
     slip
         -1 to 1, from the speed along the wheel's plane.
     exponent
