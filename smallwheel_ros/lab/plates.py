@@ -53,8 +53,8 @@ class FittedLaw:
     law
         The law.
     constants
-        Fitted values of the published law's constants. A unit that depends on an exponent has its letter, as
-        Pa/m^n.
+        Fitted values of the published law's constants. If the unit of one depends on an exponent, it contains
+        the exponent's letter, as Pa/m^n.
     covariance
         Covariance of the constants, shape (constants, constants).
     held_out
