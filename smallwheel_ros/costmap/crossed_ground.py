@@ -250,7 +250,7 @@ class CrossedGround:
 
         The window must have been placed by `follow`. As long as the wheel has moved by less than half a cell,
         a new call replaces the cost of the last one, and the higher of their marks counts. If it has moved by
-        more than `LONGEST_STEP`, or `skip` was called, only the present place is recorded.
+        more than `LONGEST_STEP` (2 m), or `skip` was called, only the present place is recorded.
 
         Parameters
         ----------

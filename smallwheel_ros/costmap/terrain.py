@@ -192,8 +192,7 @@ class TerrainClasses:
     rules
         Rules by which a margin becomes a cost.
     apart
-        Distance, m, from a wheel's last place that counted, from which on ground of the same class counts
-        again.
+        Smallest distance, m, between two places of a wheel that both count, where they are of one class.
     priors
         Margins of classes before they are crossed, by the number of the class.
     """

@@ -263,7 +263,7 @@ class ArcRows(NamedTuple):
         Angle of the largest pressure as a share of the entry angle, both from the lowest point; 0: the
         pressure is largest at the lowest point.
     sheared_radius
-        R, m: radius at which the soil shears, from the rim without lugs to between rim and tip of the lugs.
+        R, m: radius at which the soil shears. It is that of the rim, or lies between rim and tip of the lugs.
     """
 
     sinkage: Array
@@ -439,7 +439,8 @@ def closed_form_forces(
         eta, 1: share of the displacement by rolling alone that shears the soil.
     rim_friction
         mu, 1: friction of the rim on the soil over the soil's own, where the rim slides back over the soil.
-        A rim with lugs should be given 1 (`rim_friction`): mu is used whatever the height of the lugs.
+        It should be 1 for a rim with lugs, as the function `rim_friction` has it: `lug_height` does not change
+        it here.
     lug_height
         Height of the lugs, m.
 

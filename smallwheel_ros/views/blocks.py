@@ -303,9 +303,9 @@ class Models:
     Attributes
     ----------
     choices
-        Buttons of the page: models, or effects that make up a model.
+        What the reader can choose: models, or effects that make up a model.
     several
-        Whether the buttons are effects, of which any number can be set; otherwise exactly one is chosen.
+        Whether any number of choices can be set together, as for effects; otherwise exactly one is.
     views
         Blocks that are shown for each model. The key is `Choice.value` of the choices that are set, joined
         by commas; empty for a model without effects.
