@@ -174,8 +174,8 @@ class CostMap:
         slope
             Tangent of the steepest slope of the ground there, 1.
         demand
-            Pull over load that the ground requires there in the direction of travel, 1, positive uphill. On
-            the way back it helps by the same amount. NaN if unknown.
+            Pull over load that is required there in the direction of travel, 1, positive uphill. On the way
+            back it helps by the same amount. NaN if unknown.
         shown
             Pull over load that the ground gave when it was crossed, 1: a lower limit of the margin there;
             minus infinity if there is none.

@@ -439,8 +439,8 @@ def closed_form_forces(
         eta, 1: share of the displacement by rolling alone that shears the soil.
     rim_friction
         mu, 1: friction of the rim on the soil over the soil's own, where the rim slides back over the soil.
-        It should be 1 for a rim with lugs, as the function `rim_friction` has it: `lug_height` does not change
-        it here.
+        It should be 1 for a rim with lugs, as the function `rim_friction` has it; `lug_height` does not
+        change it here.
     lug_height
         Height of the lugs, m.
 
