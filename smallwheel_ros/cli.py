@@ -67,7 +67,10 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Resolve a command as click does, but answer an unknown name with the nearest known one."""
+        """Find the command that the arguments begin with, as click does: its name, itself, and the rest.
+
+        An unknown name ends with a usage error of click that proposes the nearest known one.
+        """
         known = self.list_commands(ctx)
         if args and not args[0].startswith("-") and args[0] not in known:
             from smallwheel_ros.common.errors import nearest

@@ -147,6 +147,9 @@ def command(
 ) -> click.Command:
     """Make the command of a function of the API: it reads the table, calls the function, shows the result.
 
+    The command's options are those of the function's parameters, and those that `outputs` add. Only the
+    former are passed to the function; `begin`, `heard` and `finish` get the others, by name.
+
     Parameters
     ----------
     function
@@ -154,16 +157,18 @@ def command(
     *outputs
         Decorators that add options of click besides those of the function, such as `JSON`.
     words
-        Further paragraph of the help.
+        Paragraph to add to the help.
     begin
-        Called before the work with the options that the function does not take; it may raise an error.
+        Function that checks the other options before the table is read; it may raise a CommandError.
     finish
-        Called with the result and the options that the function does not take, to write and show it.
+        Function of the result and the other options that writes files and prints; by default
+        `outputs.finish`.
     bar
-        Arguments of `progress_bar`; None: the function's name is shown.
+        Keyword arguments of `progress_bar`, such as `what`; None: the bar shows the function's name. There
+        is no bar if the function has no parameter `progress`.
     heard
-        Called with the options that the function does not take; returns further arguments of the function,
-        such as callbacks.
+        Function of the other options that returns further arguments of the function by name, such as a
+        callback that prints results as they arrive.
 
     Returns
     -------

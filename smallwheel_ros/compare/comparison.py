@@ -65,15 +65,16 @@ _REPEAT = "how well a row repeats is not known: repeat a few runs, or state {}_s
 
 @dataclass(frozen=True)
 class Floor:
-    """The held-out error to expect of a true model, for one channel.
+    """The held-out error to expect of a true model on one channel, in which only noise is left.
 
     Attributes
     ----------
-    value, source
-        The error (m, N or N m), and what the noise is known from ("repeats" or "declared"), both by a
-        diagnosis of the same data; None without a diagnosis.
+    value
+        The error (rms; m, N or N m), as a diagnosis of the same data determines it; None without one.
+    source
+        How the noise is known: from "repeats", or as "declared" by the table; None without a diagnosis.
     reason
-        How the value was obtained, or why there is none.
+        Why there is no value, in words; empty if there is one.
     repeatability
         Standard deviation of repeats within a run, SI; None if nothing was repeated.
     """

@@ -29,7 +29,9 @@ class BenchmarkError(SmallwheelError):
 
 @dataclass(frozen=True, repr=False)
 class Benchmark(Result, shown="views.law_table"):
-    """Errors of the laws on the data sets of a folder, ours (`law_table.Difference`) among them.
+    """Errors of all laws on the data sets of a folder, and their differences from ours.
+
+    Our law is the contact integral with the effects that a diagnosis names.
 
     Attributes
     ----------

@@ -36,9 +36,9 @@ SAME_FREEDOM = (
 def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
     """Words, by channel, on why a law may have a larger error than a regression.
 
-    For channels with rolling wheels it is `MISSING`. For other bodies the reasons are scatter larger than
-    soils and rigs usually have, or n at its upper bound; if neither holds, `SAME_FREEDOM` where law and
-    regression use the same settings, else `MISSING`.
+    For channels with rolling wheels: an effect is missing (`MISSING`). For other bodies: scatter larger than
+    soils and rigs usually have, or n at its upper bound. If neither holds, that both use load and size alone,
+    so that it is no sign of a missing effect (`SAME_FREEDOM`), or else `MISSING`.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ _POINTS = 60
 
 @dataclass(frozen=True)
 class ResistanceRatio:
-    """Measured resistance over load, and the lines that compaction alone would give whatever k and m are.
+    """Measured resistance over load, and the same by compaction alone, which does not depend on k and m.
 
     Attributes
     ----------

@@ -145,42 +145,45 @@ class CostMap:
         course: float = 0.0,
         measured: bool = True,
     ) -> None:
-        """Add a wheel's margin at the vehicle's pose and distance travelled.
+        """Write the cost of the ground that an axle has crossed since the last call for the same wheel.
+
+        The cost follows from the vehicle's margin: its drawbar pull over its load. It is written at the
+        wheel's axle over the whole width of the vehicle, and updates the terrain class under the wheel.
 
         Parameters
         ----------
         wheel
-            The wheel under whose axle the cost is written, over the vehicle's width.
+            The wheel whose axle has crossed the ground.
         frame
             Name of the frame of the pose. If it differs from the last one, all crossed ground is forgotten.
         pose
-            Pose of base_link.
+            Present pose of base_link in that frame.
         travel
-            Distance that the vehicle has travelled, m.
+            Distance that the vehicle has travelled since its start, m.
         margin
-            Margin of the vehicle at the reference slip and on level ground, 1; None if unknown: then only
-            `stuck` and `risk` count.
+            Drawbar pull over load of the vehicle at the reference slip and on level ground, 1; None if
+            unknown: then only `stuck` and `risk` count.
         stuck
             Whether the vehicle was seen to be stuck there, which costs 100 whatever the margin is. Otherwise
             the cost is 99 at most, since the vehicle does drive there.
         beyond
             Gain of the margin from the reference slip to the slip at which the vehicle no longer moves, 1.
         risk
-            Probability of getting stuck, 0 to 1, by the warning; 0 without a warning. The cost is at least
-            100 times that until the vehicle has got through.
+            Probability of getting stuck according to the warning, 0 to 1; 0 without a warning. The cost is at
+            least 100 times that, 99 at most, until the vehicle has got through.
         slope
             Tangent of the steepest slope of the ground there, 1.
         demand
-            Pull over load that is required there in the direction of travel, 1, for the cost of driving back;
-            NaN if unknown.
+            Pull over load that is required there in the direction of travel, 1, positive uphill. On the way
+            back it helps by the same amount. NaN if unknown.
         shown
-            Lower limit of the margin there, 1: the pull over load that the ground gave when it was crossed;
+            Pull over load that the ground gave when it was crossed, 1: a lower limit of the margin there;
             minus infinity if there is none.
         course
-            Direction of travel to the left of the heading, rad.
+            Angle of the direction of travel to the left of the heading, rad.
         measured
-            Whether the margin was measured on that ground. If it is only that of any ground, it does not
-            update a terrain class that has a prior of its own.
+            Whether the margin was measured on that ground. If not, it is the expectation for any ground, and
+            does not update a terrain class that has a prior of its own.
         """
         self._enter(frame)
         moved = self._ground.follow(pose.x, pose.y)
@@ -239,14 +242,14 @@ class CostMap:
         self.remembered, self.changed = grid, True
 
     def place_frame(self, above: str, pose: Pose) -> None:
-        """Set the pose of the positions' frame in the frame above it, such as that of odom in map.
+        """Set the pose of the frame of the vehicle's positions in its parent frame, such as of odom in map.
 
         Parameters
         ----------
         above
-            Name of the frame above, such as map.
+            Name of the parent frame, such as map.
         pose
-            Pose of the positions' frame in the frame above.
+            Pose of the frame of the vehicle's positions (`frame`) in the parent frame.
         """
         moved = self._frames.get(above) != pose
         others = self.remembered is not None or self.ahead.elevation is not None

@@ -174,7 +174,7 @@ class _Strip:
 
 
 class CrossedGround:
-    """Costs of crossed cells in a square window, and of those that the window has left.
+    """Costs of crossed cells in a square window that follows the vehicle, and of crossed cells outside it.
 
     Corners of cells are at whole multiples of the resolution, wherever the window is.
 
@@ -246,21 +246,23 @@ class CrossedGround:
     def cross(
         self, wheel: str, across: tuple[Line, Line], travel: float, cost: int, mark: int = UNKNOWN
     ) -> bool:
-        """Record the cost of the ground from a wheel's last place to its present one.
+        """Record the cost of the ground that a wheel's axle has crossed since the last call for that wheel.
 
-        `follow` must have placed the window. While the wheel stays within half a cell, its newest cost and
-        the highest of its marks count.
+        The window must have been placed by `follow`. As long as the wheel has moved by less than half a cell,
+        a new call replaces the cost of the last one, and the higher of their marks counts. If it has moved by
+        more than `LONGEST_STEP` (2 m), or `skip` was called, only the present place is recorded.
 
         Parameters
         ----------
         wheel
             Name of the wheel.
         across
-            Lines over the vehicle's width at the wheel's axle and over the wheel's, from `Outline.across`.
+            Present lines of the axle, as `Outline.across` returns them: the first over the vehicle's width,
+            the second over the wheel's.
         travel
-            Distance that the vehicle has travelled, m.
+            Distance that the vehicle has travelled since its start, m; it tells crossings of a cell apart.
         cost
-            0 to 100; -1 if unknown.
+            Cost of the ground, 0 to 100; -1 if unknown: known costs of the cells then stay.
         mark
             Cost that later crossings do not lower until the vehicle has got through (see the module's
             docstring), such as 100 where it is stuck; -1 for none.

@@ -192,7 +192,7 @@ class TerrainClasses:
     rules
         Rules by which a margin becomes a cost.
     apart
-        Distance, m: a wheel's place of the same class as its last one counts only if it is that far from it.
+        Smallest distance, m, between two places of a wheel that both count, where they are of one class.
     priors
         Margins of classes before they are crossed, by the number of the class.
     """
@@ -236,8 +236,8 @@ class TerrainClasses:
         Returns
         -------
         bool
-            Whether it was used: not if the class is below 0, or if the wheel's last place is too close and of
-            the same class.
+            Whether it was used: not if the class is below 0, or if the wheel's last place that counted is of
+            the same class and closer than `apart`.
         """
         if terrain < 0:
             return False

@@ -9,7 +9,9 @@ _TF = "tf2_msgs/msg/TFMessage"
 
 
 def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
-    """Words on why a bag has no usable topic of a type, to be followed by what that means.
+    """Words for a message on why a bag has no usable topic of a type, such as "no topic of type ...".
+
+    They begin a sentence; the caller appends the consequence.
 
     Parameters
     ----------

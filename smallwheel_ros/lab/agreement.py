@@ -162,8 +162,8 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
 def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
     """Compare the pressures of two laws of one soil at one depth and diameter.
 
-    The diameter is the geometric mean of the second's; the depth that of the ends of the depths that both
-    reached, or of all the second's depths if the first is a model.
+    The diameter is the geometric mean of the diameters of `second`. The depth is the geometric mean of the
+    least and the greatest depth that both reached; if `first` is a model, that of all depths of `second`.
 
     Parameters
     ----------
@@ -187,10 +187,10 @@ def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
 
 
 def agreements(measurements: Measurements, base: Base) -> tuple[Agreement, ...]:
-    """Compare the kinds of contact in each soil of a table with each other, and with a known model.
+    """Compare the laws that the kinds of contact in a table imply for each soil, and that of a known model.
 
-    The first of plate, pressed and rolling that can be fitted is compared with each other kind; the known
-    model with every kind. Empty if no soil has two of these.
+    In each soil the first of plate, pressed and rolling that can be fitted is compared with the remaining
+    kinds, and the known model with all kinds. Empty if no soil has two laws to compare.
 
     Parameters
     ----------

@@ -53,8 +53,8 @@ class FittedLaw:
     law
         The law.
     constants
-        Fitted values of the published law's constants. A unit that depends on an exponent has its letter, as
-        Pa/m^n.
+        Fitted values of the published law's constants. If the unit of one depends on an exponent, it contains
+        the exponent's letter, as Pa/m^n.
     covariance
         Covariance of the constants, shape (constants, constants).
     held_out
@@ -312,7 +312,7 @@ def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
     fitter, fit
         Fitter of a law of size, and its fit to all values.
     group
-        Number of each value's group, as its size, shape (values,).
+        Number of each value's group, such as the index of its plate's size, shape (values,).
     """
     points = fitter.points
     error = np.full(len(points), np.nan)

@@ -321,8 +321,8 @@ def spelled(text: str, expected: str | None) -> str | None:
         A unit as people write it.
     expected
         The SI unit of the column; None for any. Where that is a force or a pressure, a mass is read as its
-        weight under the standard gravity (`physics.wheel.GRAVITY`). A unit of another dimension is returned,
-        too: `fits` tells.
+        weight under the standard gravity (`physics.wheel.GRAVITY`). The result may still be of another
+        dimension, which `fits` checks.
     """
     text = " ".join(text.split())
     plain = _plain(text)

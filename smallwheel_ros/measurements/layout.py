@@ -98,8 +98,9 @@ def _variation(x: Array) -> float:
     return float(np.std(x, ddof=min(1, x.size - 1)) / np.mean(x)) if np.mean(x) else np.nan
 
 
-# Positions of the columns of texts, the runs' first; and the kind of each row's cell in the first of these:
-# whether it has digits, and whether it is a code of one or two bytes without any.
+# What `row_names` returns: the positions of the columns of texts, that of the runs first; and for each row
+# two flags for its cell in the first of these columns: whether it has a digit (R9), and whether it is a short
+# code, one or two bytes without a digit (a, ii). Any other cell is a word, or blank: (False, False).
 RowNames = tuple[list[int], list[tuple[bool, bool]]]
 
 
@@ -432,22 +433,28 @@ def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> l
 def row_names(
     layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
 ) -> RowNames:
-    """Find the columns of texts, and of which kind each row's name is.
+    """Find the columns of texts, and whether each row's name is a number, a short code or a word.
+
+    A row's name is its cell in the first column of texts. A computed row, such as a mean, is often named by
+    a word where measured rows have numbers.
 
     Parameters
     ----------
     layout
         The table.
-    named, parsed
-        See `rows_not_measured`.
+    named
+        Headings by position of the column.
+    parsed
+        Cells read as numbers, by position of the column; columns that are texts by definition (run, soil,
+        wheel, contact) are absent.
 
     Returns
     -------
     columns : list of int
         Positions of the columns of texts, that of the runs first.
-    kinds : list of tuple
-        Of each row's cell in the first of them: whether it has digits; whether it is a code, one or two
-        bytes long and without digits. Empty if there is no column of texts.
+    kinds : list of (bool, bool)
+        For each row, whether its name has a digit, as "R9", and whether it is a short code: one or two bytes
+        without a digit, as "a". Both are False for a word or a blank. Empty if there is no column of texts.
     """
     texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
     texts.sort(key=lambda i: named[i].name != "run")
@@ -653,9 +660,9 @@ def _quantity_of(row: Sequence[Cell]) -> str:
 def one_row_a_reading(
     headings: Mapping[str, Heading], texts: Mapping[str, Sequence[str]], numeric: Sequence[str]
 ) -> str:
-    """Say how to rearrange a table in which each row is one reading and a column names its quantity.
+    """Describe how to rearrange a table in which each row is one reading and a column names its quantity.
 
-    Empty for any other table.
+    Returns a text for the user; empty for any other table.
 
     Parameters
     ----------

@@ -117,6 +117,10 @@ class TableColumns:
         the cell, so that people find the row.
     found
         The problems, a sentence each.
+    faulty
+        By our name of a column that has problems, a mask of the rows concerned, shape (rows,).
+    rows_there
+        Number of rows below the header, including those that are not measurements.
     """
 
     source: str

@@ -66,7 +66,7 @@ class ShapeIntegral(NamedTuple):
     Attributes
     ----------
     value
-        I, 1.
+        I, dimensionless.
     slope_ratio, slope_exponent
         d ln I / d ln epsilon, with epsilon = z/D, and d ln I / dn.
     """
@@ -177,9 +177,9 @@ def contact_load(
     Parameters
     ----------
     sinkage
-        m, 0 to half of the diameter.
+        Sinkage z, m, 0 to half of the diameter.
     diameter, width
-        m.
+        Diameter D and width b of the wheel, m.
     modulus
         K = k D^m, Pa/m^n.
     exponent
@@ -263,9 +263,9 @@ def contact_sinkage(
     Parameters
     ----------
     load
-        W > 0, N.
+        Normal load W, N, above 0.
     diameter, width
-        D and b, m.
+        Diameter D and width b of the wheel, m.
     modulus
         K = k D^m, Pa/m^n.
     exponent

@@ -65,7 +65,7 @@ _UNITS = {"k": ("kN/m^(n+m+2)", 1e-3), "cohesion": ("kPa", 1e-3),
 
 @dataclass(frozen=True)
 class PaperLine:
-    """One number of the paper, the library's value, and the assumption under which it was computed.
+    """One number of Meirion-Griffith and Spenko's paper of 2011, and the library's value of it.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class PaperLine:
     computed
         The library's value.
     reading
-        The assumption under which it was computed, in words.
+        The assumption under which the library's value was computed, in words.
     status
         Whether the two agree; see `Status`.
     """
@@ -93,7 +93,9 @@ class PaperLine:
 
 
 def sinkage(soil: Soil, load: float, exponent: float | None = None) -> float:
-    """Sinkage (m) of the paper's wheel, by eq. 10 (eq. 7 for m = 0).
+    """Sinkage (m) of the wheel of Meirion-Griffith and Spenko 2011, by its eq. 10 (eq. 7 for m = 0).
+
+    The wheel has a diameter of 0.17 m and a width of 0.085 m.
 
     Parameters
     ----------
@@ -110,7 +112,9 @@ def sinkage(soil: Soil, load: float, exponent: float | None = None) -> float:
 
 
 def resistance(soil: Soil, depth: float) -> float:
-    """Compaction resistance (N) of the paper's wheel, by eq. 14.
+    """Compaction resistance (N) of the wheel of Meirion-Griffith and Spenko 2011, by its eq. 14.
+
+    The wheel has a diameter of 0.17 m and a width of 0.085 m.
 
     Parameters
     ----------
@@ -124,7 +128,9 @@ def resistance(soil: Soil, depth: float) -> float:
 
 
 def sinkage_for(soil: Soil, force: float) -> float:
-    """Sinkage (m) of the paper's wheel at which eq. 14 gives a compaction resistance.
+    """Sinkage (m) at which eq. 14 of Meirion-Griffith and Spenko 2011 gives a compaction resistance.
+
+    The wheel is the paper's, with a diameter of 0.17 m and a width of 0.085 m.
 
     Parameters
     ----------

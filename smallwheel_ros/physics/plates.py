@@ -81,7 +81,8 @@ class PlateLaw(NamedTuple):
     size
         Function of the conditions that returns the size that counts, D or b of each row, m, shape (rows,).
     factor
-        Function g(rho, n, s): rho is the size over the reference size, s the number for its influence.
+        Function g(rho, n, s) that returns the pressure over that at the reference size; rho is the size over
+        the reference size, s a number for the influence of size.
     constants
         Function of (K, reference size in m, n, s) that returns the published constants in the order of
         `names`, SI units; K = p_ref / z_ref^n, Pa/m^n.
@@ -105,7 +106,7 @@ class PlateLaw(NamedTuple):
         Parameters
         ----------
         log_pressure
-            ln of the pressure p_ref (Pa) at the reference sinkage z_ref.
+            ln of the pressure p_ref (Pa) at the reference sinkage z_ref, 10 mm.
         n
             Exponent of sinkage, 1.
         """
@@ -123,13 +124,13 @@ class PlateLaw(NamedTuple):
         conditions
             Plates and wheels.
         reference
-            Reference size, m.
+            Size of the plate to which the pressure refers, m.
         log_pressure
-            ln of the pressure (Pa) at the reference sinkage under a plate of the reference size.
+            ln of the pressure (Pa) under a plate of the reference size at the reference sinkage, 10 mm.
         n
             Exponent of sinkage, 1.
         s
-            Number for the influence of size, 1 (see the module's docstring).
+            Number s for the influence of size in the law's g, 1; for Meirion-Griffith and Spenko's it is m.
         """
         g = np.maximum(self.factor(self.size(conditions) / reference, n, s), _LEAST_FACTOR)
         return np.asarray(self.modulus(log_pressure, n) * g)
@@ -147,13 +148,13 @@ class PlateLaw(NamedTuple):
         conditions
             Plates and wheels, with their loads.
         reference
-            Reference size, m.
+            Size of the plate to which the pressure refers, m.
         log_pressure
-            ln of the pressure (Pa) at the reference sinkage under a plate of the reference size.
+            ln of the pressure (Pa) under a plate of the reference size at the reference sinkage, 10 mm.
         n
             Exponent of sinkage, 1.
         s
-            Number for the influence of size, 1 (see the module's docstring).
+            Number s for the influence of size in the law's g, 1; for Meirion-Griffith and Spenko's it is m.
         """
         modulus = self.moduli(conditions, reference, log_pressure, n, s)
         plate = conditions.plate

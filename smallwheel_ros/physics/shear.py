@@ -15,11 +15,11 @@ def shear_strength(normal_stress: ArrayLike, cohesion: ArrayLike, friction: Arra
     Parameters
     ----------
     normal_stress
-        sigma, Pa.
+        Normal stress sigma, Pa.
     cohesion
-        c, Pa.
+        Cohesion c, Pa.
     friction
-        tan(phi), not the angle.
+        tan(phi) of the angle of internal friction phi, not the angle itself.
     """
     return np.asarray(np.asarray(cohesion) + np.asarray(normal_stress) * np.asarray(friction))
 

@@ -42,13 +42,13 @@ def closed_form_sinkage(
     Parameters
     ----------
     load
-        W, N.
+        Normal load W, N.
     diameter, width
-        D and b, m.
+        Diameter D and width b of the wheel, m.
     modulus
-        K, Pa/m^n.
+        Modulus K of the pressure p = K z^n, Pa/m^n.
     exponent
-        n, under 3.
+        Exponent n of sinkage, under 3.
 
     Returns
     -------
@@ -86,8 +86,8 @@ class ContactRule(NamedTuple):
     Attributes
     ----------
     sinkage
-        Function of load (N), diameter (m), width (m), modulus K (Pa/m^n) and exponent n that returns a
-        `ContactSinkage`.
+        Function of load (N), diameter (m), width (m), modulus K (Pa/m^n) and exponent n, in this order, that
+        returns a `ContactSinkage`.
     shape
         Function of n and z/D that returns the `ShapeIntegral` of this rule.
     """
@@ -125,11 +125,11 @@ def closed_form(
     Parameters
     ----------
     load
-        W, N.
+        Normal load W, N.
     diameter, width
-        D and b, m.
+        Diameter D and width b of the wheel, m.
     k
-        Pa/m^(n+m).
+        Modulus k of the pressure p = k z^n D^m, Pa/m^(n+m).
     n, m
         Exponents of sinkage and diameter; n under 3.
 
@@ -180,13 +180,13 @@ def plate_sinkage(
     Parameters
     ----------
     load
-        W, N.
+        Normal load W, N.
     diameter
-        D, m.
+        Diameter D of the plate, m.
     modulus
-        K, Pa/m^n.
+        Modulus K of the pressure p = K z^n, Pa/m^n.
     exponent
-        n > 0.
+        Exponent n of sinkage, above 0.
 
     Returns
     -------
@@ -207,13 +207,13 @@ def compaction_resistance(
     Parameters
     ----------
     sinkage
-        z, m. A negative sinkage, which some effects can produce, compacts nothing: the resistance is 0.
+        Sinkage z, m. A negative one, which some effects can produce, compacts nothing: the resistance is 0.
     width
-        b, m.
+        Width b of the rut, m.
     modulus
         K = k D^m, Pa/m^n.
     exponent
-        n.
+        Exponent n of sinkage.
     """
     n = np.asarray(exponent, dtype=float)
     depth = np.maximum(np.asarray(sinkage, dtype=float), 0.0)
@@ -232,7 +232,7 @@ def loads_by_depth(
     Parameters
     ----------
     sinkage, diameter, width
-        m, each of shape (rows,).
+        Sinkage, diameter and width of the wheels, m, each of shape (rows,).
     modulus, exponent
         K (Pa/m^n) and n, each of shape (rows,).
 

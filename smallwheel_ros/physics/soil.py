@@ -151,7 +151,7 @@ def effective_modulus(k: ArrayLike, m: ArrayLike, diameter: ArrayLike) -> Array:
     m
         Exponent of the diameter, 1.
     diameter
-        D, m.
+        Diameter D of the wheel, m.
     """
     return np.asarray(np.asarray(k) * np.asarray(diameter, dtype=float) ** np.asarray(m))
 

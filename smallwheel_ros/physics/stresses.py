@@ -65,9 +65,9 @@ class ShearLaw(NamedTuple):
     Attributes
     ----------
     cohesion, friction_angle
-        c, Pa, and phi, rad.
+        Cohesion c of the soil, Pa, and its angle of internal friction phi, rad.
     shear_displacement
-        K, m.
+        Shear deformation modulus K, m.
     rolling_share
         eta, 1: share of the displacement by rolling alone that shears the soil.
     rim_friction
@@ -91,7 +91,7 @@ class WheelForces(NamedTuple):
     resistance
         Backward component of the pressure, N; the drawbar pull is thrust - resistance.
     torque
-        N m.
+        Torque of the shear stresses about the axle, N m.
     load
         Load that the stresses carry, N.
     """
@@ -146,7 +146,7 @@ def wheel_forces(
     load
         Normal load, N.
     sinkage, diameter, width
-        m.
+        Sinkage, diameter and width of the wheel, m.
     slip
         -1 to 1, from the speed along the wheel's plane.
     exponent
@@ -158,7 +158,8 @@ def wheel_forces(
     slip_angle
         Angle between the wheel's plane and its direction of travel, rad.
     factor
-        Factor on the pressure as a function of depth (m), both of shape (nodes, rows); None: 1.
+        Function of the depth below the surface (m) that returns the factor on the pressure (1), both of
+        shape (nodes, rows), with the nodes of the quadrature along the contact; None: the factor is 1.
     peak
         Angle t_m of the largest pressure over the entry angle t1; from there to the lowest point the
         pressure falls as it rises from the entry (Wong and Reece 1967). 0: it is largest at the lowest point.
@@ -197,12 +198,14 @@ class Arc(NamedTuple):
     pressure
         Pressure over A, the pressure of the soil at the depth of the lowest point.
     rolled, slid
-        Displacement by rolling, (t1 - t) - (sin t1 - sin t), and by slip, sin t1 - sin t: eta times the
-        first and 1 - u times the second add up to j/R.
+        With t the node's angle and t1 the entry angle: (t1 - t) - (sin t1 - sin t), the displacement by
+        rolling, and sin t1 - sin t, that by slip, both over R. eta times the first and 1 - u times the second
+        add up to j/R; the module's docstring defines eta, u and R.
     displacement
-        Shear displacement over the deformation modulus, j/K.
+        Shear displacement over the shear deformation modulus, j/K, negative where the rim is dragged forward
+        over the soil.
     friction
-        mu at the node.
+        mu, the friction of the rim on the soil over the soil's own: 1 where the displacement is not above 0.
     by_peak
         Derivative of `pressure` with respect to `ArcRows.peak`; None if no row has a peak.
     """
@@ -240,9 +243,27 @@ class Arc(NamedTuple):
 
 
 class ArcRows(NamedTuple):
-    """Inputs of `arc_of`, each of shape (rows,), SI units; see `wheel_forces` and `ShearLaw`.
+    """Wheels, and the soil under each, as `arc_of` takes them: arrays of shape (rows,), SI units.
 
-    `sheared_radius` is R of the module's docstring, m: the radius at which the soil shears.
+    Attributes
+    ----------
+    sinkage, diameter
+        Sinkage and diameter of the wheel, m.
+    slip
+        Slip, -1 to 1, from the speed along the wheel's plane.
+    exponent
+        Exponent n of sinkage in the pressure p = k z^n D^m, 1.
+    shear_displacement
+        Shear deformation modulus K, m.
+    rolling_share
+        eta, 1: share of the displacement by rolling alone that shears the soil.
+    rim_friction
+        mu, 1: friction of the rim on the soil over the soil's own, where the rim slides back over the soil.
+    peak
+        Angle of the largest pressure as a share of the entry angle, both from the lowest point; 0: the
+        pressure is largest at the lowest point.
+    sheared_radius
+        R, m: radius at which the soil shears. It is that of the rim, or lies between rim and tip of the lugs.
     """
 
     sinkage: Array
@@ -264,7 +285,8 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
     rows
         Wheels, and the soil under each; SI units, shape (rows,) each.
     factor
-        Factor on the pressure as a function of depth (m), both of shape (nodes, rows); None: 1.
+        Function of the depth below the surface (m) that returns the factor on the pressure (1), both of
+        shape (nodes, rows), with the nodes of the quadrature along the contact; None: the factor is 1.
 
     Returns
     -------
@@ -366,7 +388,8 @@ def _unsheared(entry: Array, eta: Array, share: Array) -> Array:
 class MeanPlace(NamedTuple):
     """Mean and standard deviation of t/t1 over the contact, 1, weighted by the pressure (1 - (t/t1)^2)^n.
 
-    t is the angle from the lowest point, t1 the entry angle.
+    t is the angle of a place on the rim from the lowest point, t1 the entry angle. `closed_form_forces` calls
+    the two kappa and sigma.
     """
 
     mean: float
@@ -389,37 +412,42 @@ def closed_form_forces(
         DP = W tan(delta - kappa t1),  T = W R sin(delta) / cos(delta - kappa t1)
         tan(delta) = (tan(phi) + c b r t1 / W) q
 
-    q is the mean of mu (1 - exp(-|j|/K)) sign j at the two angles (kappa - sigma) t1 and (kappa + sigma) t1.
-    It approximates `wheel_forces`, can be checked by hand, and is quick enough for planners; its mean error
-    is 0.004 of the load for a driven wheel, 0.05 for one that skids.
+    r is the radius of the wheel and R that at which the soil shears: r without lugs, else r and half of the
+    lugs' height. t1 is the entry angle from the lowest point, cos(t1) = 1 - z/r. q is the mean of
+    mu (1 - exp(-|j|/K)) sign j at the two angles (kappa - sigma) t1 and (kappa + sigma) t1, where j is the
+    shear displacement of the module's docstring, and mu is 1 where j < 0. It approximates `wheel_forces`, can
+    be checked by hand, and is quick enough for planners; its mean error is 0.004 of the load for a driven
+    wheel, 0.05 for one that skids.
 
     Parameters
     ----------
     load
-        W, N.
+        Normal load W, N, above 0.
     sinkage, diameter, width
-        m.
+        Sinkage z, diameter 2 r and width b of the wheel, m.
     slip
-        -1 to 1.
+        Slip, -1 to 1.
     place
-        kappa and sigma, as `mean_place` gives them for the soil's exponent n.
+        kappa and sigma, as `mean_place` returns them for the soil's exponent n.
     cohesion
-        c, Pa.
+        Cohesion c of the soil, Pa.
     tangent
-        tan(phi).
+        tan(phi), with the soil's angle of internal friction phi.
     shear_displacement
-        K, m.
+        Shear deformation modulus K, m.
     rolling_share
         eta, 1: share of the displacement by rolling alone that shears the soil.
     rim_friction
-        mu where the rim slides back over the soil, 1; it is used with lugs as well.
+        mu, 1: friction of the rim on the soil over the soil's own, where the rim slides back over the soil.
+        It should be 1 for a rim with lugs, as the function `rim_friction` has it; `lug_height` does not
+        change it here.
     lug_height
         Height of the lugs, m.
 
     Returns
     -------
     drawbar_pull, torque : float
-        N, N m.
+        Drawbar pull, N, and torque, N m.
     """
     r = 0.5 * diameter
     big = r + LUG_SHARE * lug_height

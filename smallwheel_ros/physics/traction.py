@@ -24,7 +24,7 @@ def contact_length(sinkage: ArrayLike, diameter: ArrayLike) -> Array:
     Parameters
     ----------
     sinkage, diameter
-        z and 2 r, m; z is clipped to 0 to r.
+        Sinkage z and diameter 2 r of the wheel, m; z is clipped to the range from 0 to r.
     """
     radius = 0.5 * np.asarray(diameter, dtype=float)
     return np.asarray(radius * np.arccos(1.0 - np.clip(np.asarray(sinkage) / radius, 0.0, 1.0)))
@@ -46,22 +46,23 @@ def thrust(
     H0 = b l c + W tan(phi)                                     (eq. 1; Bekker 1956)
     exponential: H = H0 (1 - exp(-i l / kappa))                 (eq. 2)
     integrated:  H = H0 [1 - kappa/(i l) (1 - exp(-i l/kappa))] (Janosi and Hanamoto 1961)
-    The second averages the first over the contact, along which shear displacement grows to i l.
+    The second averages the first over the contact of length l (`contact_length`), along which the shear
+    displacement grows to i l.
 
     Parameters
     ----------
     load
-        W, N.
+        Normal load W, N.
     slip
-        i, -1 to 1.
+        Slip i, -1 to 1.
     sinkage, diameter, width
-        z, D and b, m.
+        Sinkage z, diameter D and width b of the wheel, m.
     cohesion
-        c, Pa.
+        Cohesion c of the soil, Pa.
     friction_angle
-        phi, rad.
+        Angle of internal friction phi of the soil, rad.
     shear_displacement
-        kappa, m.
+        Shear deformation modulus kappa, m.
     form
         Which of the two formulas.
     """

@@ -33,7 +33,7 @@ class Wheel:
     name
         Name of the wheel.
     diameter, width
-        m.
+        Diameter and width of the wheel, m.
     contact
         'rolling', or 'pressed' for a wheel that is pushed straight down and so meets the soil on both
         sides of its lowest point.
@@ -64,7 +64,7 @@ class Strength:
     Attributes
     ----------
     cohesion, friction_angle
-        c, Pa, and phi, rad (Mohr and Coulomb).
+        Cohesion c, Pa, and angle of internal friction phi, rad (Mohr and Coulomb).
     shear_displacement
         Shear deformation modulus K, m (Janosi and Hanamoto).
     rolling_share, rim_friction, pressure_peak

@@ -174,7 +174,8 @@ def outcome_of(spec: ReplaySpec, error: str = "", *, before: bool = False) -> Ou
     Returns
     -------
     Outcome
-        `failed` with an error, `not_begun` if the folder has no result of this very replay.
+        Its state is `failed` with an error; `not_begun` if the folder has neither an interrupted result nor a
+        finished one of this very replay.
     """
     bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
     if error:

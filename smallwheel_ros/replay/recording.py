@@ -112,7 +112,7 @@ class Recording:
         each: Callable[[RawMessage], object] | None = None,
         block: int = _BLOCK,
     ) -> Iterator[Iterator[Turn]]:
-        """Yield the turns of the pipeline, block by block, to the end of the bag.
+        """Read the bag to its end in blocks, and yield for each block the pipeline's results (turns).
 
         Parameters
         ----------
@@ -207,7 +207,7 @@ def turns_of(
     clock: bool = True,
     remap: Mapping[str, str] | None = None,
 ) -> Iterator[Turn]:
-    """Yield the pipeline's turns over a bag, one after the other.
+    """Run the pipeline over a bag, and yield its results turn by turn, a few thousand messages at a time.
 
     Parameters
     ----------

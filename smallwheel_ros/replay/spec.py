@@ -60,7 +60,8 @@ class ReplaySpec:
     remaps
         Full names of topics in the bag, by the node's full names.
     clock
-        Whether stamps are compared with times of recording, or only with each other.
+        Whether stamps are compared with the recorded /clock or, if there is none, with recording times;
+        otherwise only with each other.
     copy
         Topics that are copied into the new bag: `all`, those that are `used`, or `none`.
     rate

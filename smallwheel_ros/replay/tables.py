@@ -149,7 +149,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         soils: Sequence[Mapping[str, Any]],
         soil_of: Integers,
     ) -> None:
-        """Add the estimates of a turn.
+        """Add the estimates of one turn of the pipeline.
 
         Parameters
         ----------
@@ -316,7 +316,7 @@ class VehicleTable:
         self._blocks: list[pd.DataFrame] = []
 
     def add(self, stamps: Integers, columns: Mapping[str, Any]) -> None:
-        """Add rows of a turn.
+        """Add the vehicle's rows of one turn of the pipeline.
 
         Parameters
         ----------
@@ -410,7 +410,7 @@ class SteadyStretches:
         self._soil += 1
 
     def add(self, rows: Readings, changing: Flags) -> None:
-        """Add the readings of a turn.
+        """Add the readings of one turn of the pipeline.
 
         Parameters
         ----------

@@ -298,22 +298,23 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class Models:
-    """Models that a reader can choose, each with a text and plots of its residuals over any setting.
+    """A part of the page where its reader chooses a model, and sees its text and plots of its residuals.
 
     Attributes
     ----------
     choices
-        What can be chosen.
+        What the reader can choose: models, or effects that make up a model.
     several
-        Whether any number of choices can be set together; otherwise exactly one is.
+        Whether any number of choices can be set together, as for effects; otherwise exactly one is.
     views
-        Blocks of each model, by the values of the choices that are set, joined by commas.
+        Blocks that are shown for each model. The key is `Choice.value` of the choices that are set, joined
+        by commas; empty for a model without effects.
     leaves
-        Residuals and empty plots, as `views.leftovers.leftovers` returns them.
+        Residuals of each model and plots without points, as `views.leftovers.leftovers` returns them.
     absent
-        Text that is shown for a combination that is not in `views`.
+        Text that is shown for a combination of choices that is not in `views`.
     stills
-        The same plots as figures for picture files, which are not in the page.
+        Figures of residuals for picture files; they are not on the page.
     """
 
     kind: ClassVar = "models"

@@ -39,7 +39,7 @@ _READ = (
 
 
 def page(found: Benchmark, pictures: bool = True) -> Page:
-    """Make the page of a comparison of laws on all tables, beginning with where ours is worse than others.
+    """Make the page of a comparison of laws: a summary, where ours has larger errors, and every table.
 
     Parameters
     ----------

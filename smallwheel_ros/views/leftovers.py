@@ -43,12 +43,12 @@ class Means(NamedTuple):
 
 
 class Left(NamedTuple):
-    """Residuals of one model, as they are drawn.
+    """Residuals of one model, and how they are drawn.
 
     Attributes
     ----------
     errors
-        Measured minus predicted.
+        Measured minus predicted values of each channel.
     name
         Name of the model in the plot's key; empty for none.
     colour
@@ -214,28 +214,30 @@ def leftovers(
     floors: Mapping[str, float | None],
     first: str | None = None,
 ) -> dict[str, Any]:
-    """Make the data of a `Models` block: residuals of each model, and plots without points.
+    """Make the data from which a page's script draws the residuals of the model that its reader chooses.
 
     Parameters
     ----------
     data
         The measurements.
     models
-        Errors of each model, by its key in `Models.views`.
+        Residuals of each model, by its key in `Models.views`.
     base
         Key of the model that is drawn in grey beside the chosen one.
     base_name
-        Name of that model.
+        Name of that model on the page.
     floors
-        Error expected of a true model by channel, SI; None if unknown.
+        By channel, the error expected of a true model, SI, drawn as a band; None if unknown.
     first
-        Setting that is shown first; the first of `settings_of` if not given.
+        Setting on the x-axis when the page opens; None: the first of `settings_of`.
 
     Returns
     -------
     dict
-        Plots without points (`frames`), settings, channels, residuals (`left`) and their means, in the units
-        shown, as the page's script reads them. Rows are sampled to limit the size of the page.
+        Value of `Models.leaves`, in the units that are shown. Its main keys: `frames`, a plot with axes but
+        without points for each channel over each setting; `settings`, their values; `channels`, the measured
+        values; `left`, residuals by model and channel; `means`, means of the residuals over each setting. Of
+        large tables only a random sample of the rows is in it.
     """
     settings, error = settings_of(data), models[base].error
     most = max(100, min(_POINTS, _BYTES // (6 * len(models) * max(len(error), 1))))
