@@ -58,6 +58,17 @@ def _columns(conditions: Conditions) -> Array:
     return np.column_stack(columns)
 
 
+def _gain(of_soil: Array, columns: Array, value: Array) -> Array:
+    """Matrix that takes ln of the values to the intercept of each soil and the slope of each column.
+
+    of_soil: 1 where a value is of a soil, else 0, shape (values, soils). columns: shape (values, used).
+    Values under the median have less weight: their logarithms are less certain, and their size matters least.
+    """
+    weight = np.sqrt(np.minimum(value / np.median(value), 1.0))
+    line = np.hstack([of_soil, columns]) * weight[:, None]
+    return np.asarray(np.linalg.pinv(line, rcond=1e-8) * weight)
+
+
 @dataclass(frozen=True)
 class NoiseLine:
     """Log-log regression of measured values on the settings (formula: module's docstring).
@@ -104,11 +115,8 @@ class NoiseLine:
         mine = np.full(row.size, "") if named is None else named[row]
         soils, code = np.unique(mine, return_inverse=True)
         used = varied[: max(value.size // _VALUES_A_COLUMN - len(soils), 0)]
-        line = np.hstack([np.eye(len(soils))[code.reshape(-1)], columns[:, used]])
-        # Of small values the logarithm is uncertain, and their size matters least.
-        weight = np.sqrt(np.minimum(value / np.median(value), 1.0))[:, None]
-        target = np.log(value)[:, None] * weight
-        found = np.linalg.lstsq(line * weight, target, rcond=1e-8)[0][:, 0]
+        gain = _gain(np.eye(len(soils))[code.reshape(-1)], columns[:, used], value)
+        found = gain @ np.log(value)
         return cls(tuple(soils.tolist()), found[: len(soils)], used, found[len(soils) :])
 
     def power_of_load(
@@ -133,13 +141,14 @@ class NoiseLine:
         """
         if 0 not in self.used:
             return np.inf, 0.0
-        columns = _columns(conditions)[row][:, self.used]
+        named = np.full(row.size, "") if conditions.soil is None else conditions.soil[row]
+        of_soil = (named[:, None] == np.array(self.soils)).astype(float)
+        gain = _gain(of_soil, _columns(conditions)[row][:, self.used], value)
         left = np.log(value) - np.log(self.at(conditions)[row])
-        spare = value.size - len(self.own) - self.used.size
-        design = np.column_stack([np.ones(value.size), columns])
-        variance = np.linalg.pinv(design.T @ design) * float(left @ left) / max(spare, 1)
+        spare = max(value.size - len(self.own) - self.used.size, 1)
         place = int(np.flatnonzero(self.used == 0)[0])
-        return float(self.slopes[place]), float(np.sqrt(variance[1 + place, 1 + place]))
+        of_load = gain[len(self.own) + place]
+        return float(self.slopes[place]), float(np.sqrt(left @ left / spare * (of_load @ of_load)))
 
     def at(self, conditions: Conditions) -> Array:
         """Values by the regression, SI, shape (rows,); soils not fitted have the mean intercept."""
