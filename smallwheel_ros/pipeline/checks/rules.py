@@ -184,10 +184,10 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "frame",
-        f"rows of the odometry whose pose goes ahead {FRAME_ASIDE:g} of its speed off x of its frame",
+        f"odometry rows whose pose goes ahead {FRAME_ASIDE:g} of its speed off x of its frame",
         "twist's speed less the pose's speed along x, over the distance",
         f"under {FRAME_FITS:g}, over {FRAME_WAY:g} m, {FRAME_MOVES:g} of it by the twist",
-        "the vehicle's own speed is twice that off, whatever the heading",
+        "the vehicle's own speed is twice that off; good drives 0.86 to 0.99",
         "frame of the twist",
         lambda vehicle: TwistFrame(),
     ),
