@@ -18,7 +18,14 @@ import pandas as pd
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import text_table
 from smallwheel_ros.costmap.grid import HERE, HIGHEST, UNKNOWN, Grid, read_map, union, write_map
-from smallwheel_ros.replay.result import FILES, MEASUREMENTS, files_in, is_done, read_summary
+from smallwheel_ros.replay.result import (
+    FILES,
+    MEASUREMENTS,
+    files_in,
+    is_done,
+    read_summary,
+    result_state,
+)
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
 
 _LOOK = 0.2  # s between two looks whether somebody asked to stop
@@ -174,14 +181,13 @@ def outcome_of(spec: ReplaySpec, error: str = "", *, before: bool = False) -> Ou
     Returns
     -------
     Outcome
-        Its state is `failed` with an error; `not_begun` if the folder has neither an interrupted result nor a
-        finished one of this very replay.
+        Its state is `failed` with an error; `not_begun` if the folder has no result of this very replay.
     """
     bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
     if error:
         return Outcome(bag, folder, "failed", error)
-    if found.get("state") == "interrupted" or is_done(spec):
-        return Outcome(bag, folder, found["state"], found["ended"], before, found)
+    if state := result_state(spec):
+        return Outcome(bag, folder, state, found["ended"], before, found)
     return Outcome(bag, folder, "not_begun")
 
 

@@ -80,13 +80,17 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 def is_done(spec: ReplaySpec) -> bool:
     """Whether the spec's folder has the result of the same replay, to the end of the bag or its damage."""
+    return result_state(spec) in ("complete", "ended_early")
+
+
+def result_state(spec: ReplaySpec) -> str:
+    """State, as in `Replayed`, of this very replay's result in the spec's folder; empty if there is none."""
     summary = read_summary(spec.folder)
-    if summary.get("state") not in ("complete", "ended_early"):
-        return False
     try:
-        return bool(summary.get("fingerprint") == spec.fingerprint())
-    except OSError:
-        return False
+        mine = bool(summary) and summary.get("fingerprint") == spec.fingerprint()
+    except OSError:  # the bag is gone
+        mine = False
+    return str(summary.get("state", "")) if mine else ""
 
 
 @contextmanager

@@ -188,12 +188,12 @@ def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Pan
         residual = one.errors.error.get(channel)
         if residual is None:
             continue
-        at = thinned(np.flatnonzero(np.isfinite(residual)))
+        predicted = how.scale * (measured - residual)
+        inside = (predicted >= ends[0]) & (predicted <= ends[1])
+        beyond += int(np.count_nonzero(np.isfinite(residual) & ~inside))
+        at = thinned(np.flatnonzero(inside))
         y = how.scale * measured[at]
-        x = y - how.scale * residual[at]
-        shown = (x >= ends[0]) & (x <= ends[1])
-        beyond += int(np.count_nonzero(~shown))
-        layers.append(Layer("points", x[shown], y[shown], colour=one.colour, name=one.name))
+        layers.append(Layer("points", predicted[at], y, colour=one.colour, name=one.name))
     title = words(channel)
     if beyond:
         title += f" ({beyond} point{'s' if beyond > 1 else ''} beyond the axes)"

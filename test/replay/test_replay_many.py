@@ -28,7 +28,8 @@ from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.grid import read_map
 from smallwheel_ros.measurements.from_file import read_measurements
-from smallwheel_ros.replay.many import Outcome, merge
+from smallwheel_ros.replay.many import Outcome, merge, outcome_of
+from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 COMMAND = [sys.executable, "-m", "smallwheel_ros.cli", "replay"]
@@ -302,6 +303,16 @@ def test_many_interrupted_are_resumed(bags, long_bag, rover, tmp_path):
     result = smallwheel("replay", *arguments, "--copy", "none")
     assert "complete (before)" in result.stdout
     assert set(states(out).values()) == {"complete"}
+
+
+@pytest.mark.parametrize("state", ["interrupted", "complete", "ended_early"])
+def test_a_result_of_other_options_is_none_of_this_replay(bags, rover, tmp_path, state):
+    """Before, what an interrupted run with other parameters had left was listed as this run's."""
+    spec = ReplaySpec(bags[0], rover, tmp_path)
+    left = {"state": state, "ended": "by Ctrl-C", "fingerprint": spec.fingerprint()}
+    (tmp_path / "replay.json").write_text(json.dumps(left))
+    assert outcome_of(spec).state == state
+    assert outcome_of(ReplaySpec(bags[0], rover, tmp_path, rate=5.0)).state == "not_begun"
 
 
 def test_a_full_disk_is_one_message(bags, rover, tmp_path):

@@ -103,6 +103,11 @@ def test_measured_stands_over_measured_less_the_residual_and_what_is_beyond_is_c
     error[1] = 0.001
     one = measured_panel(MEASURED, [left(error)], "sinkage")
     assert one.title == "sinkage (1 point beyond the axes)"
+    many = np.tile(MEASURED, 100)  # more than are drawn: all are counted
+    far = np.where(np.arange(many.size) % 12 == 1, -0.03, 0.001)
+    assert (
+        measured_panel(many, [left(far)], "sinkage").title == "sinkage (100 points beyond the axes)"
+    )
 
 
 def test_points_are_thinned_only_where_there_are_more() -> None:
