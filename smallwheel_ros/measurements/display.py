@@ -41,6 +41,12 @@ _WORDS = {
     "wong_reece": "Wong & Reece",
     "log_log_regression": "log-log regression",
 }
+# What a curve without a name adds at stages that are no factors.
+ADDED = {
+    "height": "length added to the shown sinkage",
+    "force": "force added to the resistance",
+    "drag": "share of the load added to the resistance",
+}
 _SLOW = 0.2  # m/s, below which millimetres are shown
 # Said once by what prints k, n or m.
 LAW = (
@@ -60,7 +66,8 @@ def effect_words(name: str) -> str:
     if not name.startswith("unknown:"):
         return words(name)
     setting, _, stage = name.removeprefix("unknown:").partition("@")
-    return f"something that follows {words(setting)}" + (f" (at the {stage})" if stage else "")
+    place = f" (a {ADDED[stage]})" if stage in ADDED else f" (at the {stage})" if stage else ""
+    return f"something that follows {words(setting)}{place}"
 
 
 def to_tell(names: Sequence[str]) -> str:

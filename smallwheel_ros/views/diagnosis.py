@@ -13,6 +13,7 @@ from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.text import verdict_sentences
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, unit_of
 from smallwheel_ros.measurements.display import (
+    ADDED,
     LAW,
     display,
     effect_words,
@@ -384,9 +385,8 @@ def _curve(curve: Row) -> Panel:
     if "factor" in curve:
         middle, idle, scale, label = curve["factor"], 1.0, 1.0, f"factor on {curve['stage']}"
     else:
-        up = display(curve["stage"], curve["unit"])
-        of_load = " as a share of the load" if curve["unit"] == "1" else ""
-        middle, idle, scale, label = curve["added"], 0.0, up.scale, f"added {up.label}{of_load}"
+        up = display(ADDED[curve["stage"]], curve["unit"])
+        middle, idle, scale, label = curve["added"], 0.0, up.scale, up.label
     none = Layer("line", (x[0], x[-1]), (idle, idle), colour="base")
     y, low, high = ([scale * value for value in c] for c in (middle, curve["low"], curve["high"]))
     return Panel(across.label, label, "", [none, Layer("line", x, y, low, high)])

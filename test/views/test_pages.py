@@ -299,9 +299,9 @@ def test_what_is_left_and_curves_are_shown_where_they_lead_on() -> None:
 @pytest.mark.parametrize(
     ("stage", "unit", "label", "scale"),
     [
-        ("height", "m", "added height [mm]", 1e3),
-        ("force", "N", "added force [N]", 1.0),
-        ("drag", "1", "added drag as a share of the load", 1.0),
+        ("height", "m", "length added to the shown sinkage [mm]", 1e3),
+        ("force", "N", "force added to the resistance [N]", 1.0),
+        ("drag", "1", "share of the load added to the resistance", 1.0),
     ],
 )
 def test_a_curve_that_is_added_is_drawn_in_its_unit_about_0(
