@@ -152,7 +152,7 @@ class Model(Result, shown="model.model_file"):
         return f"{names}, {rule}" + (f", with {effects}" if effects else "")
 
     def acting(self, conditions: Conditions) -> tuple[Effect, ...]:
-        """All effects that a prediction applies: known physics whose columns there are, then the model's own.
+        """All effects that a prediction applies: known physics whose columns exist, then the model's own.
 
         Known physics (`Effect.known_physics`, such as gravity on a slope) need not be in the model.
         """
