@@ -316,7 +316,7 @@ class _Regression:
         self._design[::size, :2] = [(1.0, run.curve.normal_stress) for run in runs]
         self._centre, self._precision = np.zeros((2, size + 1))
         if len(normal_stresses(runs)) < 2:
-            # Only c + sigma tan phi is measured: what soils have says the rest.
+            # Only c + sigma tan phi is measured: the prior of soils gives the rest.
             c, phi = (STRENGTH_PARAMETERS[n][1] for n in ("cohesion", "friction_angle"))
             self._centre[:2] = c.centre, np.tan(phi.centre)
             self._precision[:2] = c.deviation**-2, (phi.deviation / np.cos(phi.centre) ** 2) ** -2

@@ -85,7 +85,7 @@ class NearbySinkage:
         turned = any(
             "wheel_diameter" in effect.acts or "corrected_load" in effect.acts for effect in added
         )
-        if self._solved is None or turned:  # no slopes for that
+        if self._solved is None or turned:  # no derivatives for that
             model = Model(soil, self._geometry, (*self._effects, *added))
             return _log(predict(model, self._conditions).sinkage)
         here = self._at

@@ -201,7 +201,7 @@ def _solve_block(
 
     ln I falls, faster and faster, with ln z: the left side is concave and rising. Started from
     the left of the root (I at zero sinkage is its largest value), Newton's steps approach the root
-    from the left and never pass it, so no bracket is needed; a step beyond the axle says that the root is.
+    from the left and never pass it, so no bracket is needed; if a step is beyond the axle, so is the root.
     """
     half = exponent + 0.5
     log_d = np.log(diameter)

@@ -244,9 +244,9 @@ def with_parameter(model: Model, name: str, change: float) -> Model:
 def _with_law_error(found: _Sloped, conditions: Conditions, measured: Measured) -> dict[str, Array]:
     """The law's standard deviations by quantity, with the error of the law of pull and torque included.
 
-    For a wheel and slips that were measured, the fit states that error, that of the strength included
-    (`ForceLaw.known`). Elsewhere the errors of the strength and of the law both count, the latter as this
-    table shows it or, where pull or torque was not measured, as other rigs do.
+    For a wheel and slips that were measured, the fit states that error, which includes the error of the
+    strength (`ForceLaw.known`). Elsewhere the errors of the strength and of the law both count; the latter
+    is that of `measured` or, where pull or torque was not measured, the usual one of other rigs.
 
     Returns
     -------

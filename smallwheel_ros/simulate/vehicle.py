@@ -442,7 +442,7 @@ class SimulatedVehicle:
         return found
 
     def _gripped(self, force: Array, slips: Array, cells: NDArray[np.intp]) -> Array:
-        """A shear force over the load, times the grip of the cells; on hard ground that of the floor."""
+        """Shear force over load, times the grip of the cells; on hard ground, the law of a hard floor."""
         ground, j = self.ground, self.all
         hard = _HARD_GRIP * np.sign(slips) * -np.expm1(-np.abs(slips) / _HARD_STIFF)
         return np.where(ground.floor[j, cells], hard, force * np.exp(ground.grip[j, cells]))

@@ -288,7 +288,7 @@ class World:
     hardpan
         Depth of a hard layer, m; None for none.
     rut
-        Factor on the sinkage of a wheel that rolls in the rut of another; its square for many earlier wheels.
+        Factor on the sinkage of a wheel that rolls in the rut of one other; it tends to its square with more.
     right
         ln of a factor on k under the right wheels.
     bumps
