@@ -493,7 +493,8 @@ def partly_dug(form: Form) -> Form:
     """Make a variant of a form in which only a share c of the added sinkage (in ln) compacts soil.
 
     c is a further parameter: at 1 all of the added sinkage adds compaction resistance, at 0 none of it does.
-    The new class belongs to the module of the given one, and its `form` is that one's after `partly_dug_`.
+    The new class belongs to the module of the given one; its `form` is `partly_dug_FORM`, FORM that of the
+    given one.
     """
 
     def compaction_sinkage(self: Any, sinkage: Array, conditions: Conditions) -> Array:

@@ -74,9 +74,9 @@ class Traction(_Grouser):
     a: float = parameter(1.0, (0.0, 10.0), "strength; Bekker's own law is 1")
 
     def thrust_factor(self, state: WheelState, conditions: Conditions) -> Array:
-        """Maximal thrust H0 with grousers over the one without, H0 = b l c + W tan(phi).
+        """Ratio of the maximal thrust with grousers to that without them, H0 = b l c + W tan(phi).
 
-        The part of cohesion grows most.
+        The part due to cohesion grows most.
 
         Parameters
         ----------

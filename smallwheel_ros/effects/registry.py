@@ -95,7 +95,7 @@ class Registry(Mapping[str, type[Effect]]):
     Attributes
     ----------
     families
-        All forms of each effect by its id, in the order of ids; of each, the default form first.
+        All forms of each effect by its id, in the order of ids; the default form of each comes first.
     """
 
     families: Families = field(default_factory=dict)
@@ -275,7 +275,7 @@ def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
     Returns
     -------
     list of type
-        In the order of the file; of effects only those with an id. Never empty.
+        In the order of the file; effects only if they have an id. Never empty.
 
     Raises
     ------
@@ -289,7 +289,7 @@ def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
 
 
 def _classes_in(module: ModuleType, base: type[Kind]) -> list[type[Kind]]:
-    """Public classes of that base that a module defines itself, in its order; of effects those with an id."""
+    """Public classes of that base that a module defines itself, in its order; effects only with an id."""
     return [
         value
         for name, value in vars(module).items()
@@ -337,7 +337,7 @@ def line_in(error: Exception, path: Path) -> str:
     Returns
     -------
     str
-        The innermost line in that file, for a SyntaxError in it that of the error; empty if none is in it.
+        The innermost line in that file, or the line of a SyntaxError in it; empty if there is none.
     """
     file = os.path.abspath(path)  # as the import system has it
     if isinstance(error, SyntaxError) and error.filename == file:

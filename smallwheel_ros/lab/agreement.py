@@ -35,7 +35,7 @@ class Belief:
     of
         What determines it, in words, as "plates".
     known
-        The law's parameters (ln p_ref, n, m) and their covariance.
+        The law's parameters (ln p_ref, n, m) and their covariance, shape (3, 3).
     diameters
         Diameter of the body at each measured value, m; empty for a model.
     depths

@@ -96,7 +96,7 @@ class LabFit(WithParameters, Result):
     def named(self) -> Mapping[str, FittedParameter]:
         """Parameters by full name ("soil.name"): of the laws of plates, of the model, of the shear tests.
 
-        Of one name, the later of these is taken.
+        If a name occurs more than once, the later of these is taken.
         """
         found = [c for laws in self.laws for law in laws.laws for c in law.constants]
         found += [] if self.fit is None else self.fit.named().values()
@@ -139,7 +139,7 @@ class LabFit(WithParameters, Result):
         return found | dict(plain(more))
 
     def rows(self) -> list[dict[str, Any]]:
-        """The parameters of the model, and the constants of the laws of size."""
+        """The parameters of the model, the constants of the laws of size, and the results of shear tests."""
         found = [] if self.fit is None else self.fit.rows()
         constants = [
             (law.law.name, c) for laws in self.laws for law in laws.laws for c in law.constants

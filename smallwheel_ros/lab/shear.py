@@ -3,8 +3,8 @@
 
 Each run (a curve at one normal stress) is reduced to a few numbers y_i (strength, ln K and, for the
 peaked law, the residual ratio) by least squares over displacement, so that the sampling density
-does not matter. Runs then differ by what a fit of one curve leaves uncertain (C_i), and by the soil
-prepared anew for each (S):
+does not matter. Differences between runs are then due to the uncertainty of the fit of each curve (C_i),
+and to the soil, which is prepared anew for each run (S):
 
     y_i = X_i theta + e_i,   e_i ~ N(0, C_i + S),   theta = (c, tan phi, ln K [, K_r])
 
@@ -41,8 +41,8 @@ _FEWEST = 5  # rows of a curve: three numbers, and two to check them
 # Misfit of a smooth curve is correlated along it: as in `variance`, over a quarter of its length.
 _STRETCHES = 4.0
 _RESOLUTION = 1e-3  # of the strength: no instrument shows more than three digits
-# Medians of the priors of what runs of one soil differ by: strength, ln K (published K of one soil differ
-# by 10 to 40 %), residual ratio.
+# Medians of the priors of the scatter between runs of one soil: of strength, ln K (published K of one soil
+# differ by 10 to 40 %) and residual ratio.
 _SCATTER = np.array([SOIL_SCATTER, 0.2, SOIL_SCATTER])
 
 
@@ -129,7 +129,8 @@ class RunFit:
     curve
         The run.
     numbers, covariance
-        Strength (Pa), ln of K in m and, for the peaked law, K_r, shape (2,) or (3,); and their covariance.
+        Strength (Pa), ln of K in m and, for the peaked law, K_r, shape (2,) or (3,); and their
+        covariance, shape (2, 2) or (3, 3).
     misfit
         Root mean square error along the curve, as a fraction of the strength.
     """
@@ -240,14 +241,16 @@ class FittedShearLaw:
     ----------
     law
         The law.
-    names, values, covariance
-        Names, values and covariance of c (Pa), tan phi, ln of K in m and, for the peaked law, K_r; shape
-        (3,) or (4,).
+    names, values
+        Names and values of c (Pa), tan phi, ln K (K in m) and, for the peaked law, K_r; shape (3,) or (4,).
+    covariance
+        Covariance of `values`, shape (3, 3) or (4, 4).
     held_out
         Error (rms) on curves that were left out when the shape was fitted, as a fraction of the strength;
         None with one run.
     scatter
-        Standard deviation from run to run of strength (relative), ln K and, for the peaked law, K_r.
+        Standard deviation from run to run of the strength (relative), ln K and, for the peaked law, K_r;
+        shape (2,) or (3,).
     runs
         The law fitted to each run alone.
     """
@@ -313,7 +316,7 @@ class _Regression:
         self._design[::size, :2] = [(1.0, run.curve.normal_stress) for run in runs]
         self._centre, self._precision = np.zeros((2, size + 1))
         if len(normal_stresses(runs)) < 2:
-            # Only c + sigma tan phi is measured: what soils have says the rest.
+            # Only c + sigma tan phi is measured: the prior of soils gives the rest.
             c, phi = (STRENGTH_PARAMETERS[n][1] for n in ("cohesion", "friction_angle"))
             self._centre[:2] = c.centre, np.tan(phi.centre)
             self._precision[:2] = c.deviation**-2, (phi.deviation / np.cos(phi.centre) ** 2) ** -2
@@ -356,7 +359,7 @@ class _Regression:
 
 
 def _shape_errors(law: ShearForm, runs: Sequence[RunFit]) -> Array:
-    """Error (rms) of each run's curve by the other runs' shape with its own strength, relative to that.
+    """Error (rms) of the other runs' shape on each run's curve, as a fraction of that run's strength.
 
     Shape (runs,).
     """
@@ -378,8 +381,8 @@ def _shape_errors(law: ShearForm, runs: Sequence[RunFit]) -> Array:
 def _shows_peak(plain: FittedShearLaw, peaked: FittedShearLaw) -> bool:
     """Whether the curves show a peak: the law with a peak must predict runs that were left out better.
 
-    A single run is judged by Schwarz's criterion instead. And by that law the stress must fall from the peak
-    by more than the law's misfit: else there is no peak to see.
+    A single run is judged by Schwarz's criterion instead. In addition, the stress must by that law fall from
+    the peak by more than the law's misfit.
     """
     travel = np.asarray(
         max(run.curve.travel for run in plain.runs) * np.arange(1, 201) / 200.0, dtype=np.float64

@@ -71,7 +71,7 @@ class LabStrength:
 
     @property
     def derived(self) -> tuple[FittedParameter, ...]:
-        """K (m) as a parameter for people; its deviation is, to first order, K times that of ln K."""
+        """K (m) for people, as a tuple of one; its deviation is to first order K times that of ln K."""
         of_log = self.parameters[2]
         std = self.modulus * float(np.sqrt(self.covariance[2, 2]))
         return (

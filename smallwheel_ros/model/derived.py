@@ -82,9 +82,10 @@ def derived_numbers(
 def _deviation(
     soil: Soil, slopes: Mapping[str, float], names: Sequence[str], covariance: Array
 ) -> float | None:
-    """Standard deviation, to first order, of a number with these slopes by the soil's parameters.
+    """Standard deviation, to first order, of a number that follows from the soil's parameters.
 
-    None where the covariance lacks the first of them; any other that it lacks is taken as exactly known.
+    slopes: its derivative with respect to each parameter, by name. None where the covariance lacks the first
+    of these parameters; any other that it lacks is taken as exactly known.
     """
     known = [name for name in slopes if f"{soil.name}.{name}" in names]
     if next(iter(slopes)) not in known:

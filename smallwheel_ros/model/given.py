@@ -205,7 +205,7 @@ def list_of(name: str, given: Any) -> list[Any]:
     name
         Name of the argument, for the error message.
     given
-        Anything that can be iterated over; of a text these are its characters, of a mapping its keys.
+        Anything that can be iterated over; a string gives its characters, a mapping its keys.
 
     Raises
     ------

@@ -51,7 +51,7 @@ def rivals_text(calibrated: CalibratedModel) -> str:
 
 
 def _mean_soil(soil: Soil, parts: Sequence[tuple[float, Soil]]) -> Soil:
-    """The mean of the soils, named like the first argument: of ln p_ref, and of each other number itself."""
+    """The mean soil, named like the first argument: the means of ln p_ref and of each other number."""
     means = {
         name: sum(share * float(getattr(one, name)) for share, one in parts)
         for name in SOIL_NUMBERS

@@ -152,7 +152,7 @@ class Model(Result, shown="model.model_file"):
         return f"{names}, {rule}" + (f", with {effects}" if effects else "")
 
     def acting(self, conditions: Conditions) -> tuple[Effect, ...]:
-        """All effects that a prediction applies: known physics whose columns there are, then the model's own.
+        """All effects that a prediction applies: known physics whose columns exist, then the model's own.
 
         Known physics (`Effect.known_physics`, such as gravity on a slope) need not be in the model.
         """
@@ -287,8 +287,8 @@ class Prediction:
     thrust, rolling_resistance, drawbar_pull, torque
         N, torque in N m; None if the conditions have no slip, 0 in rows that do not roll. rolling_resistance
         is that of a wheel that carries its load by pressure and shear, effects included, and drawbar_pull is
-        thrust less rolling_resistance. With the thrust forms `integrated` and `exponential` it is
-        true_resistance.
+        thrust less rolling_resistance. With the thrust forms `integrated` and `exponential`,
+        rolling_resistance is true_resistance.
     immobilised
         Whether the wheel is sunk to its axle; its numbers are then a continuation for fits, not predictions.
     """

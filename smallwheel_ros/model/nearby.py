@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions at small changes of the soil's law and of the load, and slopes from their differences.
+"""Predictions at small changes of the soil's law and of the load, and derivatives from their differences.
 
-Used with effects, whose slopes have no formula; without effects `physics.contact` computes slopes directly.
+Used with effects, whose derivatives have no formula; without effects `physics.contact` computes them.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def neighbours(
 
 
 def slopes(column: Array) -> Array:
-    """Derivatives of a quantity by ln K, n, m and ln load (each with the others held), shape (4, rows).
+    """Derivatives of a quantity with respect to ln K, n, m and ln load (the others held), shape (4, rows).
 
     column: the quantity as `neighbours` predicts it, or a function of it, shape (9 * rows,).
     """

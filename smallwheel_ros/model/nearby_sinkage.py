@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sinkage shown by the instrument for rolling wheels in soils near a given one, from one contact solution.
 
-Changes of load, modulus and exponent change ln z to first order, by the slopes of that solution; effects
+Changes of load, modulus and exponent change ln z to first order, by the derivatives of that solution; effects
 that change the sinkage itself are then applied in full.
 """
 
@@ -25,12 +25,14 @@ Array = NDArray[np.float64]
 
 
 class NearbySinkage:
-    """Sinkage of rolling wheels in soils near a given one, approximated without a new solution.
+    """Sinkage of rolling wheels in soils near a given one, in most cases approximated without a new solution.
+
+    `log_sinkage` lists the effects with which the contact is solved anew at each call.
 
     Parameters
     ----------
     soil
-        The soil for which the contact is solved, once.
+        The given soil, from which the others differ by little.
     effects
         Effects of the model, in the order in which they act.
     conditions
@@ -83,7 +85,7 @@ class NearbySinkage:
         turned = any(
             "wheel_diameter" in effect.acts or "corrected_load" in effect.acts for effect in added
         )
-        if self._solved is None or turned:  # no slopes for that
+        if self._solved is None or turned:  # no derivatives for that
             model = Model(soil, self._geometry, (*self._effects, *added))
             return _log(predict(model, self._conditions).sinkage)
         here = self._at

@@ -61,7 +61,7 @@ _OUTLINES = (_fit_outline(0.05, 8), _fit_outline(0.15, 11), _fit_outline(AXLE_RA
 
 
 class ShapeIntegral(NamedTuple):
-    """The integral I(n, epsilon) of the module's docstring, and its slopes; arrays of the broadcast shape.
+    """The integral I(n, epsilon) of the module's docstring, and its derivatives, of the broadcast shape.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class ShapeIntegral(NamedTuple):
 
 
 class ContactSinkage(NamedTuple):
-    """Sinkage of a wheel, and its slopes; arrays of the broadcast shape.
+    """Sinkage of a wheel, and its derivatives; arrays of the broadcast shape.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ def _slope_exponent(exponent: Array, coefficients: Array, ratio: Array, value: A
 
 
 def shape_integral(exponent: ArrayLike, ratio: ArrayLike) -> ShapeIntegral:
-    """Compute I(n, z/D), the dimensionless factor of the contact integral, and its slopes.
+    """Compute I(n, z/D), the dimensionless factor of the contact integral, and its derivatives.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def _solve_block(
 
     ln I falls, faster and faster, with ln z: the left side is concave and rising. Started from
     the left of the root (I at zero sinkage is its largest value), Newton's steps approach the root
-    from the left and never pass it, so no bracket is needed; a step beyond the axle says that the root is.
+    from the left and never pass it, so no bracket is needed; if a step is beyond the axle, so is the root.
     """
     half = exponent + 0.5
     log_d = np.log(diameter)

@@ -63,7 +63,7 @@ def closed_form_sinkage(
 def _closed_form_contact(
     load: ArrayLike, diameter: ArrayLike, width: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
 ) -> ContactSinkage:
-    """`closed_form_sinkage` with its slopes, as `contact_sinkage` gives them."""
+    """`closed_form_sinkage` with its derivatives, as `contact_sinkage` gives them."""
     n = np.asarray(exponent, dtype=float)
     z = closed_form_sinkage(load, diameter, width, modulus, n)
     slope = np.broadcast_to(1.0 / (n + 0.5), z.shape)

@@ -231,8 +231,8 @@ class Arc(NamedTuple):
         Returns
         -------
         array, shape (stresses, 3, rows)
-            Integrals of each stress times the sine, times the cosine, and alone: of a shear stress they are
-            the components up and forward, and what turns the wheel; of a pressure those back and up.
+            Integrals of each stress times the sine, times the cosine, and alone. For a shear stress they give
+            the components up and forward, and the torque; for a pressure the components backward and up.
         """
         whole = self.weight * np.array(stresses)
         found = np.empty((len(stresses), 3, whole.shape[-1]))

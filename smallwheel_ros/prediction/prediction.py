@@ -69,10 +69,10 @@ class PredictionTable(Result, shown="views.prediction"):
     notes
         Sentences to be shown: what was not measured, extrapolation, and warnings about the table.
     names
-        `run` and `soil` of each row, where rows of a table were predicted that has them.
+        `run` and `soil` of each row, if rows of a table that has these columns were predicted.
     measured
-        Values of such a table, by name: `measured_sinkage`, the standard deviation `measured_sinkage_std`
-        that it states, and so on; NaN where blank.
+        Measured values of that table, by name: `measured_sinkage`, the standard deviation
+        `measured_sinkage_std` that it states, and so on; NaN where blank.
     """
 
     settings: Mapping[str, Array]

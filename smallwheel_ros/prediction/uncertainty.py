@@ -3,8 +3,9 @@
 
 The variances are:
 
-    law     J C J', J the slopes of the prediction by the fitted parameters and C their covariance, plus the
-            error of the law itself: of pull and torque (`ForceLaw`), of the others from setting to setting
+    law     J C J', J the derivatives of the prediction with respect to the fitted parameters, C their
+            covariance, plus the error of the law itself: of pull and torque (`ForceLaw`), of the
+            others from setting to setting
     run     in addition (tau dy / d ln k)^2, the soil of a new run, and scatter of its instruments and rows
             (`RunScatter`)
 
@@ -78,7 +79,7 @@ class UncertainPrediction:
 
 @dataclass(frozen=True)
 class _Sloped:
-    """A prediction with its derivatives by the parameters of a covariance.
+    """A prediction with its derivatives with respect to the parameters of a covariance.
 
     Attributes
     ----------
@@ -87,7 +88,8 @@ class _Sloped:
     calibrated
         The model, with names and covariance of the parameters.
     slopes
-        Derivatives of each quantity by the parameters, shape (names, rows), SI units; empty without names.
+        Derivatives of each quantity with respect to the parameters, shape (names, rows), SI units; empty
+        without names.
     """
 
     prediction: Prediction
@@ -103,7 +105,7 @@ class _Sloped:
         return {q: np.sqrt(np.sum((root.T @ s[kept]) ** 2, axis=0)) for q, s in self.slopes.items()}
 
     def by_stiffness(self, quantity: str) -> Array:
-        """Derivative of a quantity by ln k (of all soils together), shape (rows,)."""
+        """Derivative of a quantity with respect to ln k (of all soils together), shape (rows,)."""
         names = self.calibrated.names
         mine = [i for i, name in enumerate(names) if name.endswith(".log_reference_pressure")]
         return np.asarray(self.slopes[quantity][mine].sum(axis=0))
@@ -154,7 +156,7 @@ def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> Uncertain
     -------
     UncertainPrediction
         Arrays of shape (rows,); with rivals, the prediction of `mixture.mixed`, and deviations that include
-        what the rivals differ by.
+        the differences between the rivals.
 
     Raises
     ------
@@ -178,7 +180,7 @@ def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> Uncertain
 
 
 def _sloped(calibrated: CalibratedModel, conditions: Conditions) -> _Sloped:
-    """Predict, with slopes from central differences; one-sided ones at the edge of a parameter's domain."""
+    """Predict, with derivatives from central differences (one-sided at the edge of a parameter's domain)."""
     prediction = predict(calibrated.model, conditions)
     if not calibrated.names:
         return _Sloped(prediction, calibrated, {})
@@ -242,9 +244,9 @@ def with_parameter(model: Model, name: str, change: float) -> Model:
 def _with_law_error(found: _Sloped, conditions: Conditions, measured: Measured) -> dict[str, Array]:
     """The law's standard deviations by quantity, with the error of the law of pull and torque included.
 
-    For a wheel and slips that were measured, the fit states that error, that of the strength included
-    (`ForceLaw.known`). Elsewhere the errors of the strength and of the law both count, the latter as this
-    table shows it or, where pull or torque was not measured, as other rigs do.
+    For a wheel and slips that were measured, the fit states that error, which includes the error of the
+    strength (`ForceLaw.known`). Elsewhere the errors of the strength and of the law both count; the latter
+    is that of `measured` or, where pull or torque was not measured, the usual one of other rigs.
 
     Returns
     -------
@@ -303,9 +305,9 @@ def _of_runs(
 def _about(
     middle: Prediction, parts: Sequence[tuple[float, UncertainPrediction]]
 ) -> UncertainPrediction:
-    """Standard deviations of one prediction that stands for several, from theirs and their distances to it.
+    """Standard deviations of a prediction that stands for several, from theirs and their differences from it.
 
-    parts: probability and prediction of each. Quantities whose deviation one of them lacks have none.
+    parts: probability and prediction of each. A quantity has none if one of the predictions lacks it.
     """
 
     def off(deviations: Sequence[Mapping[str, Array]]) -> dict[str, Array]:

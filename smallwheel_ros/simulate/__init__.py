@@ -3,7 +3,7 @@
 
 `simulate_drive` makes a rover's drive and `write_drive_bag` its bag; `simulate_rig` makes a table
 of single-wheel measurements and `measure` adds runs to it. No code of the physics is shared with the
-rest of the package; `truth` lists the assumptions that are.
+rest of the package; `truth` lists the assumptions that both share.
 """
 
 from __future__ import annotations

@@ -310,7 +310,7 @@ def _recorded(
 def _kept(
     stamps: Integers, settings: DriveSettings, rng: np.random.Generator, gap: bool
 ) -> NDArray[np.bool_]:
-    """Which rows are kept, (rows,): single ones are missing and, if `gap`, all in one stretch of time."""
+    """Draw which rows are kept, (rows,): single rows are missing and, if `gap`, all in one span of time."""
     keep = rng.uniform(size=stamps.size) >= settings.dropouts
     if gap and settings.dropouts > 0:
         begin = int(stamps[int(rng.uniform(0.3, 0.9) * stamps.size)])

@@ -118,7 +118,7 @@ def _orientations(roll: Array, pitch: Array, yaw: Array) -> list[Message]:
 
 
 def _covariance(*variances: float) -> Array:
-    """A diagonal covariance, row-major, with each variance three times: 3x3 of one, 6x6 of two."""
+    """A diagonal covariance, row-major, each variance three times: shape (9,) for one, (36,) for two."""
     return np.diag(np.repeat(variances, 3)).ravel()
 
 

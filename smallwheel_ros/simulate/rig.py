@@ -267,7 +267,7 @@ class Rig:
     table
         One row for each measurement, ready to be written; headers state the units, which are mixed.
     truth
-        From which `measure` can make more measurements.
+        The rig and its true values, from which `measure` makes more measurements.
     """
 
     table: pd.DataFrame

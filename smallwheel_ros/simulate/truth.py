@@ -124,9 +124,9 @@ class Contact:
         return share
 
     def upward(self, stress: Array, width: Array) -> Array:
-        """Integrate stress times cos(angle) over the arc: of a normal stress, the load that it carries.
+        """Integrate stress times cos(angle) over the arc.
 
-        Of a shear stress along the rim it is the thrust.
+        For a normal stress this is the load that it carries, for a shear stress along the rim the thrust.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class Contact:
         return self.along(stress * np.cos(self.angle), width)
 
     def backward(self, stress: Array, width: Array) -> Array:
-        """Integrate stress times sin(angle) over the arc: of a normal stress, the resistance to motion.
+        """Integrate stress times sin(angle) over the arc: for a normal stress, the resistance to motion.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class Contact:
         return self.along(stress * np.sin(self.angle), width)
 
     def along(self, stress: Array, width: Array) -> Array:
-        """Integrate a stress over the arc: of a shear stress, its torque over the radius.
+        """Integrate a stress over the arc: for a shear stress, its torque divided by the radius.
 
         Parameters
         ----------

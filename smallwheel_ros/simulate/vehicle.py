@@ -442,7 +442,7 @@ class SimulatedVehicle:
         return found
 
     def _gripped(self, force: Array, slips: Array, cells: NDArray[np.intp]) -> Array:
-        """A shear force over the load, times the grip of the cells; on hard ground that of the floor."""
+        """Shear force over load, times the grip of the cells; on hard ground, the law of a hard floor."""
         ground, j = self.ground, self.all
         hard = _HARD_GRIP * np.sign(slips) * -np.expm1(-np.abs(slips) / _HARD_STIFF)
         return np.where(ground.floor[j, cells], hard, force * np.exp(ground.grip[j, cells]))
@@ -470,7 +470,7 @@ class SimulatedVehicle:
     ) -> tuple[float, Array, Array, Array]:  # fmt: skip
         """Find the speed after this tick at which forces and inertia balance.
 
-        Returns it (m/s), and slips, thrusts and resistances of the wheels, over their loads, (wheels,).
+        Returns this speed (m/s) and, of each wheel, slip, thrust / load and resistance / load, (wheels,).
         """
         mass, steep = self.rover.mass, self.steep[self.side, cells]
         candidates = self.speed + _GAIN * TICK * _STEPS
@@ -490,7 +490,7 @@ class SimulatedVehicle:
     def _by_torque(
         self, rims: Array, rate: float, cells: NDArray[np.intp], load: Array, sense: float
     ) -> Array:
-        """Speeds of the rims (m/s, (wheels,)) of axles with a differential, which approach equal torques."""
+        """Speeds of the rims (m/s, (wheels,)), shifted at each differential towards equal torques."""
         slip = self._slips(self.speed - rate * self.y, rims + self.apart, sense)
         torque = self._torque(slip, cells) * load * sense
         for left, right in self.axles:

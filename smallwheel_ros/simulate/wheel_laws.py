@@ -167,7 +167,7 @@ class Stresses:
 
 
 def sinkage_of(sand: Sand, at: Circumstances) -> Array:
-    """Compute the sinkage of wheels: static, of a parabolic contact, and deeper by slip, skid and lugs.
+    """Compute the sinkage of wheels: the static one of a parabolic contact, increased by slip, skid and lugs.
 
     Parameters
     ----------
@@ -369,7 +369,7 @@ class WheelsOnSoil:
     at
         Circumstances of the rows.
     scatter
-        Factor on k, for each row, shape (rows,), or for all.
+        Factor on k, shape (rows,), or one number for all rows.
     """
 
     soil: TruthSoil

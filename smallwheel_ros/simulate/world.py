@@ -73,8 +73,8 @@ class SimulatedRover:
 def wheels_on_axles(*axles: tuple[float, float, float, float]) -> tuple[RoverWheel, ...]:
     """Wheels of two or three axles, named `front_left`, `front_right`, `rear_left` and so on.
 
-    axles: from front to rear; of each its place ahead of base_link, half of its track, and diameter and width
-    of its wheels, m.
+    axles: from front to rear; for each its place ahead of base_link, half of its track, and diameter and
+    width of its wheels, m.
     """
     names = ("front", "rear") if len(axles) == 2 else ("front", "middle", "rear")
     return tuple(
@@ -191,12 +191,12 @@ class Sensors:
     friction
         Friction that the torque of a turning wheel includes, N m.
     encoder_steps
-        Steps of an encoder per turn of a wheel, of which one is drawn.
+        Steps of an encoder per turn of a wheel; one of these values is drawn.
     odometry
         `own` comes from camera or lidar, `wheels` from the joints, `filter` from joints and imu, `half`
         from a filter of wheels and camera; `pose` has positions only.
     odometry_rate
-        Readings per second, Hz, of which one is drawn.
+        Readings per second, Hz; one of these values is drawn.
     lag, noise
         Delay of the odometry, s, and noise of its speed, m/s; each is drawn between its two values.
     alike
@@ -282,13 +282,13 @@ class World:
         Deviation of the change of ln k over 5 m, by a random walk.
     digging
         Sinkage in metres for each metre by which a rim turns further than the wheel travels; drawn between
-        the two.
+        the two values.
     dragging
         Resistance over load, dimensionless, in addition to that of the law; drawn between the two.
     hardpan
         Depth of a hard layer, m; None for none.
     rut
-        Factor on the sinkage of a wheel that rolls in the rut of another; its square for many earlier wheels.
+        Factor on the sinkage of a wheel that rolls in the rut of one other; it tends to its square with more.
     right
         ln of a factor on k under the right wheels.
     bumps

@@ -91,7 +91,7 @@ class TrueGround:
     east, north
         Slope of each cell towards east (yaw 0) and north, positive upward, rad.
     steepens
-        Climb in addition to these, by features, rad.
+        Climb that features add to these slopes, rad.
     twist
         Share of load that uneven ground shifts between the diagonals.
     common
