@@ -49,12 +49,12 @@ class Event(NamedTuple):
 
 
 class DriveEvents:
-    """Collects events of a drive by comparing the state after each turn with the one before.
+    """Collects events of a drive by comparing the state after each turn of the pipeline with that before.
 
     Parameters
     ----------
     pipeline
-        Pipeline whose turns are given to `take`.
+        Pipeline; the result of each of its turns is given to `take`.
     start
         Stamp at which times of events are 0, ns.
 
@@ -69,7 +69,7 @@ class DriveEvents:
     newest
         The newest estimate of each wheel.
     soils, soil_of
-        Soils under the readings of the newest turn, and the index of each reading's soil, shape (rows,).
+        Soils under the readings of the pipeline's newest turn, and the index of each reading's soil, shape (rows,).
     """
 
     def __init__(self, pipeline: Pipeline, start: int) -> None:
@@ -97,7 +97,7 @@ class DriveEvents:
         self.soil_of: Integers = np.empty(0, dtype=np.int64)
 
     def take(self, turn: Turn) -> Flags:
-        """Process a turn; return whether the soil was changing at each of its readings, shape (rows,)."""
+        """Process one turn of the pipeline; return where the soil was changing: a mask of its readings, (rows,)."""
         if turn.starts_over:
             self._begin()
         rows, estimates = turn.readings, turn.estimates
@@ -145,7 +145,7 @@ class DriveEvents:
             self._note_change()
 
     def _warn(self, turn: Turn) -> None:
-        """Note each rise of the warning's level, even if it ends within the turn."""
+        """Note each rise of the warning's level, even if it ends within the same turn of the pipeline."""
         warned, rows = turn.warned, turn.readings
         if warned is None or not len(rows):
             return
@@ -183,7 +183,7 @@ class DriveEvents:
                 self.events.append(event)
 
     def _note_change(self) -> None:
-        """Note a change of soil, once the estimate has not jumped for a turn of a wheel."""
+        """Note a change of soil, once the estimate has not jumped for one revolution of a wheel."""
         if self._change is not None:
             text = (
                 f"another soil: reference pressure {self._pressure_before / 1e3:.3g} kPa before,"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node's subscriptions: messages wait in the middleware until a turn takes and decodes them."""
+"""The node's subscriptions: messages wait in the middleware until a turn of the pipeline takes them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class _Listened:
 
 
 class _ReadAtTurns(CallbackGroup):  # type: ignore[misc]  # rclpy has no types
-    """Callback group of subscriptions that a turn reads: the executor never wakes for their messages.
+    """Callback group of subscriptions that a turn of the pipeline reads: the executor never wakes for their messages.
 
     Serving a message by the executor costs ten times as much as taking it: at 2,800 a second, 0.3 of a
     processor.

@@ -113,7 +113,7 @@ class _Job:
     name
         Topic under which its failures are counted.
     period
-        Time between two times, s.
+        Time between two executions, s.
     work
         Does the work.
     due
@@ -139,7 +139,7 @@ class Session:
     settings
         Its settings.
     wall
-        Steady clock of the timer; it goes on while simulated time (/clock) stands still.
+        Steady clock of the timer; it runs even while simulated time (/clock) stands still.
 
     Attributes
     ----------
@@ -317,7 +317,7 @@ class Session:
     # --- Turns
 
     def _work(self) -> None:
-        """Do a turn and all jobs that are due."""
+        """Do one turn of the pipeline and all jobs that are due."""
         self._turn(within=_WITHIN)
         now = time.monotonic()
         for job in self._jobs:
