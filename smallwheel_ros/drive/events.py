@@ -69,7 +69,8 @@ class DriveEvents:
     newest
         The newest estimate of each wheel.
     soils, soil_of
-        Soils under the readings of the pipeline's newest turn, and the index of each reading's soil, shape (rows,).
+        Soils under the readings of the newest turn of the pipeline, and the index of each reading's soil,
+        shape (rows,).
     """
 
     def __init__(self, pipeline: Pipeline, start: int) -> None:
@@ -97,7 +98,7 @@ class DriveEvents:
         self.soil_of: Integers = np.empty(0, dtype=np.int64)
 
     def take(self, turn: Turn) -> Flags:
-        """Process one turn of the pipeline; return where the soil was changing: a mask of its readings, (rows,)."""
+        """Process one turn of the pipeline; return a mask of its readings at which the soil was changing."""
         if turn.starts_over:
             self._begin()
         rows, estimates = turn.readings, turn.estimates

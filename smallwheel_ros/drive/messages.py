@@ -62,8 +62,8 @@ def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]
     Returns
     -------
     dict
-        By name of the field, an array or a list of length rows, SI units. An unknown number is 0, and its flag,
-        if it has one, false; an unknown or infinite standard deviation is 0.
+        By name of the field, an array or a list of length rows, SI units. An unknown number is 0, and its
+        flag, if it has one, false; an unknown or infinite standard deviation is 0.
     """
     names = [wheel.name for wheel in pipeline.settings.wheels]
     found: dict[str, Any] = {
@@ -233,8 +233,8 @@ _VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepe
 def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
     """Make a column for each field of VehicleMobility.msg except its header; row i of them is message i.
 
-    Returns the columns by name of the field, each of length rows, in SI units. An unknown number is 0, and its
-    flag false.
+    Returns the columns by name of the field, each of length rows, in SI units. An unknown number is 0, and
+    its flag, if it has one, false.
     """
     slope = np.arctan(rows.margin), rows.margin_std / (1.0 + rows.margin**2)
     values = {

@@ -323,8 +323,9 @@ class GroundSpeed:
     def _felt_ahead(self, felt: Array) -> tuple[Array, Array]:
         """Mean sine of the slope, nose up, over the last second, and mean specific force ahead without it.
 
-        Without an orientation the slope is computed from the force, which is then not reduced by it. felt: rows
-        of the imu at each lag, (rows, lags, 9). Both results have shape (rows,): 1, m/s^2; NaN where unknown.
+        Without an orientation the slope is computed from the force, which is then not reduced by it. felt:
+        rows of the imu at each lag, (rows, lags, 9). Both results have shape (rows,): 1, m/s^2; NaN where
+        unknown.
         """
         ahead, up = mean_of_known(np.moveaxis(felt[:, :, [1, 4]], 1, 0)).T
         gravity = self.settings.gravity

@@ -395,8 +395,8 @@ class Checks:
     Attributes
     ----------
     doubted
-        Streams that are not to be used now, each with the stamp at which its fault began, ns; 0 if it was there from
-        the beginning of the drive.
+        Streams that are not to be used now, each with the stamp at which its fault began, ns; 0 if it was
+        there from the beginning of the drive.
     anew
         Stamps (ns) at which the soil is learnt anew, because a stream that it was learnt from turned
         out to have been wrong from the beginning.

@@ -7,8 +7,8 @@ wrong sign makes a wheel seem to move sideways by twice its angle, and only the 
 
 The residual that a wrong sign leaves is known beforehand: it is the one that the given signs leave on a
 vehicle that moves as the reversed signs imply. Reversal removes all of it if the sign is wrong (ratio 1) and
-nothing if it is right (0). Differences of slip remain whatever the signs, so that speed, size of the angles and slip have no part
-in the verdict.
+nothing if it is right (0). Differences of slip remain whatever the signs, so that speed, size of
+the angles and slip have no part in the verdict.
 """
 
 from __future__ import annotations

@@ -235,8 +235,9 @@ class Align:
         """Error (m/s) of a speed that comes late or is a mean over time: change of the rims in that time.
 
         The change is that of the mean of all wheels; without a gyro, when the late source also gives the yaw
-        rate, it is that of the wheel's own rim. Shape (rows,). rims: speeds at the rows, (wheels, rows), m/s. ago: speeds
-        half the delay and the whole delay before, (wheels, 2, rows), m/s. gyro: mask of the rows with a gyro.
+        rate, it is that of the wheel's own rim. Shape (rows,). rims: speeds at the rows, (wheels, rows), m/s.
+        ago: speeds half the delay and the whole delay before, (wheels, 2, rows), m/s. gyro: mask of the rows
+        with a gyro.
         """
         if not len(rims) or believed.source not in believed.streams:
             return np.zeros(wheel.size)

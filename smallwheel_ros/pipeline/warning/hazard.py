@@ -399,7 +399,7 @@ class Warnings:
 
 
 def _level_of(one: _Hazard, before: int) -> int:
-    """Level at an instant: one that begins, or that of the last instant (`before`) if it still holds."""
+    """Level at an instant: one that begins, or that of the last instant (`before`) as far as it still holds."""
     value = one.value
     begins = 0
     if value > SECOND_LEVEL and (one.grows or one.slip > SECOND_LEVEL):

@@ -11,9 +11,9 @@ the pull that was needed* is compared, not the pull at a slip. The ground cannot
 its grip, so what a vehicle achieves bounds its margin from below.
 
 The belief is a set of points drawn from the prior once, with weights; what was learnt of ground
-left behind is forgotten as exp(-path/10 m). For ground ahead a standard deviation of up to 0.08 is
-included, the scatter between places of one field. If the source of motion turns out to have been wrong from the beginning, everything
-learnt from it is dropped.
+left behind is forgotten as exp(-path/10 m). For ground ahead a standard deviation of 0.08 is included,
+the scatter between places of one field. If the source of motion turns out to have been wrong from the
+beginning, everything learnt from it is dropped.
 
 For the most that ground ahead can give (at the slip at which a vehicle makes no way), each metre that the
 vehicle has crossed is evidence as well: had much of the ground been unable to carry it, it would have got
