@@ -79,11 +79,11 @@ class DriveEvents:
         self.examples: dict[tuple[str, str], tuple[str, float]] = {}
         self.travel = 0.0
         self._turn = math.pi * max(wheel.diameter for wheel in pipeline.settings.wheels)
-        # A change of soil that is under way: until no more jumps come for a turn of a wheel.
+        # A change of soil that is under way: until no more jumps come for one revolution of a wheel.
         self._change: Event | None = None
         self._pressure = self._pressure_before = pipeline.soil.reference_pressure
         self._said: dict[str, float] = {}  # by text without numbers, when last reported, s
-        self._holds: set[str] = set()  # reports at the end of the last turn, without their numbers
+        self._holds: set[str] = set()  # reports after the pipeline's last turn, less numbers
         self._once: dict[str, int] = {}  # by text without numbers, the index of its event
         self._begin()
 

@@ -47,7 +47,7 @@ SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a
 OF_SLOPE = 0.5
 # Of the hazard, and of slip alone: by the 17 in snow, on even ground.
 FIRST, SECOND_LEVEL = 0.4, 0.5
-HOLDS = 0.1  # a level ends when the hazard is by so much below it: else noise of slip makes several of one
+HOLDS = 0.1  # a level ends when the hazard is this much below it: else noise of slip makes several of one
 SLIPS, SURELY = 0.3, 2.0  # slip that is of the first level by itself, by so many deviations
 # Deviations by which slip has to be over 0. They are what 0.8 of the errors keep to, and those of odometries
 # have heavy tails: by two, 7 warnings on 190 m of wet grass were false, by 2.5 three.
@@ -399,7 +399,7 @@ class Warnings:
 
 
 def _level_of(one: _Hazard, before: int) -> int:
-    """Level at an instant: one that begins, or that of the last instant (`before`) as far as it still holds."""
+    """Level at an instant: one that begins, or the last instant's (`before`) as far as it still holds."""
     value = one.value
     begins = 0
     if value > SECOND_LEVEL and (one.grows or one.slip > SECOND_LEVEL):

@@ -163,7 +163,7 @@ class GroundMargin:
     offset
         Zero error of the accelerometer, over g, 1.
     radius
-        Relative error of the wheels' radius, which all slips share, 1.
+        Error that all slips share because the wheels' radius is in error, 1.
     margins
         Margin of each point, 1.
     logs
@@ -423,7 +423,7 @@ class AnyGround:
     def _learn(
         self, rows: Instants, rims: Array, rim: float, speed: float, pull: float, noise: float
     ) -> None:
-        """Update the belief by a second, except in a turn, or where a wheel points or moves off the course.
+        """Update the belief by a second, unless the vehicle turns or a wheel points or moves off the course.
 
         The margin thus remains that of wheels along the course, into which they can be turned.
         """
