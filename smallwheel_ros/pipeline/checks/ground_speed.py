@@ -130,7 +130,7 @@ class GroundSpeed:
     source
         Name of the stream that gives the speed over ground.
     moves
-        Speed (m/s), yaw rate (rad/s) and sideways speed (m/s; 0 for a vehicle that does not steer).
+        Speed (m/s), yaw rate (rad/s), sideways speed (m/s; 0 for a vehicle that does not steer), (rows, 3).
     felt
         Rows of the imu as in `BelievedRows.felt`.
     posed

@@ -243,7 +243,7 @@ class Align:
             return np.zeros(wheel.size)
         each = np.concatenate([rims[:, None], ago], axis=1)
         own = np.ptp(each, axis=1)[self._order[wheel], np.arange(wheel.size)]
-        # Of the wheels that are known: one that is doubted makes the others no surer.
+        # Mean of the wheels that are known: a doubted one does not make the others more certain.
         common = np.ptp(mean_of_known(each), axis=0)
         rolls = self._order[wheel] >= 0
         return np.asarray(np.nan_to_num(np.where(rolls & ~gyro, own, common)))

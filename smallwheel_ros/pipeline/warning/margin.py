@@ -115,7 +115,7 @@ def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
 
 
 def scatter_ahead(margin: Array | float) -> Array:
-    """Standard deviation (1) of the margin from place to place, on ground of this mean margin."""
+    """Standard deviation (1) of the margin from place to place on ground of this mean margin; same shape."""
     return np.asarray(AHEAD * np.clip(np.asarray(margin) / _AHEAD_OF, 0.0, 1.0))
 
 
