@@ -49,12 +49,12 @@ class Event(NamedTuple):
 
 
 class DriveEvents:
-    """Collects events of a drive by comparing the state after each turn with the one before.
+    """Collects events of a drive by comparing the state after each turn of the pipeline with that before.
 
     Parameters
     ----------
     pipeline
-        Pipeline whose turns are given to `take`.
+        Pipeline; the result of each of its turns is given to `take`.
     start
         Stamp at which times of events are 0, ns.
 
@@ -69,7 +69,8 @@ class DriveEvents:
     newest
         The newest estimate of each wheel.
     soils, soil_of
-        Soils under the readings of the newest turn, and the index of each reading's soil, shape (rows,).
+        Soils under the readings of the newest turn of the pipeline, and the index of each reading's soil,
+        shape (rows,).
     """
 
     def __init__(self, pipeline: Pipeline, start: int) -> None:
@@ -78,11 +79,11 @@ class DriveEvents:
         self.examples: dict[tuple[str, str], tuple[str, float]] = {}
         self.travel = 0.0
         self._turn = math.pi * max(wheel.diameter for wheel in pipeline.settings.wheels)
-        # A change of soil that is under way: until no more jumps come for a turn of a wheel.
+        # A change of soil that is under way: until no more jumps come for one revolution of a wheel.
         self._change: Event | None = None
         self._pressure = self._pressure_before = pipeline.soil.reference_pressure
         self._said: dict[str, float] = {}  # by text without numbers, when last reported, s
-        self._holds: set[str] = set()  # reports at the end of the last turn, without their numbers
+        self._holds: set[str] = set()  # reports after the pipeline's last turn, less numbers
         self._once: dict[str, int] = {}  # by text without numbers, the index of its event
         self._begin()
 
@@ -97,7 +98,7 @@ class DriveEvents:
         self.soil_of: Integers = np.empty(0, dtype=np.int64)
 
     def take(self, turn: Turn) -> Flags:
-        """Process a turn; return whether the soil was changing at each of its readings, shape (rows,)."""
+        """Process one turn of the pipeline; return a mask of its readings at which the soil was changing."""
         if turn.starts_over:
             self._begin()
         rows, estimates = turn.readings, turn.estimates
@@ -145,7 +146,7 @@ class DriveEvents:
             self._note_change()
 
     def _warn(self, turn: Turn) -> None:
-        """Note each rise of the warning's level, even if it ends within the turn."""
+        """Note each rise of the warning's level, even if it ends within the same turn of the pipeline."""
         warned, rows = turn.warned, turn.readings
         if warned is None or not len(rows):
             return
@@ -183,7 +184,7 @@ class DriveEvents:
                 self.events.append(event)
 
     def _note_change(self) -> None:
-        """Note a change of soil, once the estimate has not jumped for a turn of a wheel."""
+        """Note a change of soil, once the estimate has not jumped for one revolution of a wheel."""
         if self._change is not None:
             text = (
                 f"another soil: reference pressure {self._pressure_before / 1e3:.3g} kPa before,"

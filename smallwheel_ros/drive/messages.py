@@ -55,15 +55,15 @@ def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]
     Parameters
     ----------
     estimates
-        Rows of one turn.
+        Estimates of one turn of the pipeline (`Pipeline`), a row each.
     pipeline
         Pipeline that computed them, for the names of the wheels and the status of its soil.
 
     Returns
     -------
     dict
-        By name of the field, an array or a list of length rows, SI units; an unknown number is 0, and its
-        flag false.
+        By name of the field, an array or a list of length rows, SI units. An unknown number is 0, and its
+        flag, if it has one, false; an unknown or infinite standard deviation is 0.
     """
     names = [wheel.name for wheel in pipeline.settings.wheels]
     found: dict[str, Any] = {
@@ -93,7 +93,7 @@ def status_texts(estimates: Estimates, pipeline: Pipeline) -> list[str]:
     Parameters
     ----------
     estimates
-        Rows of one turn.
+        Estimates of one turn of the pipeline (`Pipeline`), a row each.
     pipeline
         Pipeline that computed them.
 
@@ -233,7 +233,8 @@ _VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepe
 def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
     """Make a column for each field of VehicleMobility.msg except its header; row i of them is message i.
 
-    They are by name of the field, in SI units. An unknown number is 0, and its flag false.
+    Returns the columns by name of the field, each of length rows, in SI units. An unknown number is 0, and
+    its flag, if it has one, false.
     """
     slope = np.arctan(rows.margin), rows.margin_std / (1.0 + rows.margin**2)
     values = {

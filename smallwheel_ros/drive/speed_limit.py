@@ -14,7 +14,7 @@ _WITHOUT = 2.0  # m without a warning after which there is no limit any more
 
 
 class SpeedLimit:
-    """The speed limit: 50 % from a warning on until 2 m without any, 20 % while the vehicle gets stuck.
+    """The speed limit: 50 % from a warning until 2 m pass without one, 20 % while the vehicle gets stuck.
 
     Attributes
     ----------

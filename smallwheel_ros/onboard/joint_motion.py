@@ -153,6 +153,6 @@ class JointMotion:
 
     @property
     def _begins_anew(self) -> bool:
-        """Whether positions so far are within one turn: -pi to pi, or 0 to 2 pi."""
+        """Whether all positions so far are within one revolution: -pi to pi, or 0 to 2 pi."""
         half = self._low >= -math.pi - _NEAR and self._high <= math.pi + _NEAR
         return half or (self._low >= -_NEAR and self._high <= math.tau + _NEAR)

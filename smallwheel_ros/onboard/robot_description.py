@@ -65,7 +65,7 @@ class Filled:
 def silent_parameters(given: Mapping[str, object]) -> list[str]:
     """Return the full names of parameters that a robot description may fill and that are not given.
 
-    They are empty where the wheels have no usable names.
+    The list is empty if the wheels have no usable names.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def silent_parameters(given: Mapping[str, object]) -> list[str]:
 def described_mass(text: str) -> float | None:
     """Return the sum of the masses of all links of a URDF, kg, or None.
 
-    None if no link has a mass but those that joints turn, or if the sum is 100 t or more. Raises
+    None if only links that joints turn have a mass, or if the sum is 100 t or more. Raises
     RobotDescriptionError if the text is not a URDF.
     """
     urdf = Urdf(text)

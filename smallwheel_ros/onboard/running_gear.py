@@ -110,9 +110,9 @@ class VehicleHeading(NamedTuple):
 class _Turning(NamedTuple):
     """A joint that turns, in the base frame; m.
 
-    axis: direction of its axis. at: a point on that. centre: middle of its child link's cylinder, without one
-    that point. low: height of the cylinder's lowest point. above: the turning joints between it and the base,
-    the nearest first.
+    axis: direction of its axis. at: a point on that. centre: middle of its child link's cylinder, or
+    `at` if it has none. low: height of the cylinder's lowest point. above: the turning joints between it
+    and the base, the nearest first.
     """
 
     joint: Joint

@@ -15,8 +15,8 @@ Integers = NDArray[np.int64]
 # rad: modules that steer endlessly count on beyond half a turn; none is known to exceed a whole one.
 _MOST = math.tau
 _SURE = 5  # messages beyond it, after which it is no glitch, but another unit
-# rad; ns: an angle that is constant for so long and then differs by so much comes in steps: no wheel turns so
-# fast.
+# rad; ns: an angle that is constant for `_STANDS` and then differs by over `_STEP` comes in steps: no wheel
+# turns so fast.
 _STEP, _STANDS = 0.1, 250_000_000
 
 

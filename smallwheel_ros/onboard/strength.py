@@ -92,5 +92,5 @@ def any_strength() -> Strength:
 
 
 def _with_or_without_lugs(strength: Strength) -> Strength:
-    """Widen the rim friction mu up to 1, that between lugs: on board nobody says whether a wheel has any."""
+    """Widen the rim friction mu up to 1, that between lugs, as it is not known if a wheel has lugs."""
     return strength.wider(rim_friction=1.0 - strength.rim_friction.value)

@@ -78,7 +78,7 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
 
 
 def pose_of(transform: Any) -> Pose:
-    """Return position (m) and heading (rad) of a geometry_msgs/Transform.
+    """Return x, y (m) and heading (rad) of a geometry_msgs/Transform.
 
     The heading is NaN if its quaternion is not of unit length.
     """

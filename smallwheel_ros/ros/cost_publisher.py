@@ -70,7 +70,7 @@ class CostPublisher:
         self._ground = GroundMapper(self.map, settings.onboard.wheels)
 
     def take(self, estimates: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
-        """Write the estimates of a turn into the map.
+        """Write the estimates of one turn of the pipeline into the map.
 
         Parameters
         ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node's subscriptions: messages wait in the middleware until a turn takes and decodes them."""
+"""The node's subscriptions: messages wait in the middleware until the node's timer takes them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class _Listened:
 
 
 class _ReadAtTurns(CallbackGroup):  # type: ignore[misc]  # rclpy has no types
-    """Callback group of subscriptions that a turn reads: the executor never wakes for their messages.
+    """Callback group of subscriptions that the node's timer reads; the executor never wakes for them.
 
     Serving a message by the executor costs ten times as much as taking it: at 2,800 a second, 0.3 of a
     processor.
@@ -196,7 +196,7 @@ class Inputs:
         self._subscriptions, self._raw = [], {}
 
     def take(self) -> bool:
-        """Decode the messages that have arrived since the last turn, and add them to the streams.
+        """Decode the messages that have arrived since the last call, and add them to the streams.
 
         They are processed in the order of arrival, after those of a simulated clock.
 
@@ -317,7 +317,8 @@ class Inputs:
     def status(self, longest: float) -> DiagnosticStatus:
         """Make the entry of the inputs in the diagnostics: rates, ages, and what is missing or was not used.
 
-        Rates are means since the last call. longest: duration of the longest turn since then, s.
+        Rates are means since the last call. longest: duration of the longest turn of
+        the node's timer since then, s.
         """
         settings, now = self._pipeline.settings, time.monotonic()
         elapsed, self._measured_at = max(now - self._measured_at, 1e-6), now

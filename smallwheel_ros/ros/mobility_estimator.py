@@ -271,7 +271,7 @@ def _spin(
 ) -> None:
     """Let the node work as long as ROS runs and `goes_on` returns true.
 
-    An exception in a callback is logged, and the node works on.
+    An exception in a callback is logged, and the node continues.
     """
     while rclpy.ok() and goes_on():
         try:
@@ -300,7 +300,7 @@ class _Gently:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node until it is told to end.
+    """Run the node until it is asked to end.
 
     Parameters
     ----------

@@ -199,7 +199,7 @@ class Outputs:
         self._soil_sent = self._soil_waits = None
 
     def publish(self, turn: Turn, frame: str) -> None:
-        """Publish the results of a turn, and keep those that are published at lower rates.
+        """Publish the results of one turn of the pipeline, and keep those that are published at lower rates.
 
         Parameters
         ----------

@@ -73,7 +73,7 @@ class PlayedRecording:
     sinkages
         Number of sinkages played.
     sent
-        Time at which each unanswered sinkage was played, by time.monotonic(), s, by its stamp (ns).
+        Times at which unanswered sinkages were played (time.monotonic(), s), by their stamps (ns).
     latencies
         Time from each sinkage to its estimate, s.
     diagnostics

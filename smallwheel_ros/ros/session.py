@@ -113,7 +113,7 @@ class _Job:
     name
         Topic under which its failures are counted.
     period
-        Time between two times, s.
+        Time between two executions, s.
     work
         Does the work.
     due
@@ -139,7 +139,7 @@ class Session:
     settings
         Its settings.
     wall
-        Steady clock of the timer; it goes on while simulated time (/clock) stands still.
+        Steady clock of the timer; it runs even while simulated time (/clock) stands still.
 
     Attributes
     ----------
@@ -317,7 +317,7 @@ class Session:
     # --- Turns
 
     def _work(self) -> None:
-        """Do a turn and all jobs that are due."""
+        """Process the messages that have arrived, and do all jobs that are due."""
         self._turn(within=_WITHIN)
         now = time.monotonic()
         for job in self._jobs:
@@ -329,8 +329,8 @@ class Session:
         """Process the messages that have arrived, and publish the results.
 
         If nothing arrives for a while, rows that wait for other messages are processed without them. within:
-        duration, s. Messages are processed in slices; one that would exceed that, if it takes as long as the
-        last one, is left to the next turn, so that a node that catches up still answers.
+        longest duration, s. Messages are processed in slices; a slice that would exceed it, if it took as
+        long as the last one, is left to the next call, so that a node that catches up still answers.
         """
         begin = time.monotonic()
         try:

@@ -160,7 +160,8 @@ class BelievedRows:
     def _of(self, name: str, stamps: Integers, values: Array) -> Array:
         """Rows of a stream, NaN where it is doubted.
 
-        A speed is, too, while it goes against all rims so far, or the imu does not feel how it changes.
+        A ground speed is also NaN while nearly all of the path so far runs against the rims, or while the imu
+        does not feel its changes.
         """
         found = self.doubted.believed(name, stamps, values) if name in self._ever else values
         if not self._speed_doubted or name not in (self.source, SHOWS_NO_SLIP):
@@ -345,7 +346,7 @@ class BelievedRows:
         return RimSpeeds(mean_of_known(rims), size, 0.5 * (right - left))
 
     def trust(self, instants: Integers) -> Trust:
-        """Accuracy and independence of the ground speed at instants (ns), by what was learnt before each."""
+        """Accuracy and independence of the ground speed at instants (ns), as learnt up to each instant."""
         stamps, values = self.trusted.last(instants)
         variance, lag, of_wheels, may_be, since, way, mean, *_ = values.T
         seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)
@@ -369,7 +370,7 @@ class BelievedRows:
         return np.asarray(np.minimum(self.moves.periods(moves)[row], self.rules.widest))
 
     def motion_anew(self) -> list[int]:
-        """Those of the stamps `anew` in (since, done] that concern ground speed, a rim speed or the imu."""
+        """Stamps `anew` in (since, done] at which a doubt about ground speed, a rim or the imu begins."""
         tells = {
             self.source,
             IMU,

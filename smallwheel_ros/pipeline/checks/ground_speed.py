@@ -19,7 +19,7 @@
               does, or for some seconds
     imu       turned over where its z axis points down
 
-Each value depends only on messages up to its own stamp, and the sums go on over cuts.
+Each value depends only on messages up to its own stamp; sums are carried from block to block.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class GroundSpeed:
     source
         Name of the stream that gives the speed over ground.
     moves
-        Speed (m/s), yaw rate (rad/s) and sideways speed (m/s; 0 for a vehicle that does not steer).
+        Speed (m/s), yaw rate (rad/s), sideways speed (m/s; 0 for a vehicle that does not steer), (rows, 3).
     felt
         Rows of the imu as in `BelievedRows.felt`.
     posed
@@ -205,7 +205,7 @@ class GroundSpeed:
 
     @property
     def doubt(self) -> str:
-        """Reason in words why the newest ground speed is not believed; empty where it is."""
+        """Reason in words why the newest ground speed is not believed; empty if it is believed."""
         newest = self._trust.samples.values[-1:]
         if (newest[:, AGAINST] > 0.0).any():
             way = "where the wheels turn ahead, or ahead where back"
@@ -215,7 +215,7 @@ class GroundSpeed:
         return ""
 
     def known(self, stamp: int) -> Known:
-        """What is known of odometry and imu at a stamp (ns); `learn` must have come so far."""
+        """What is known of odometry and imu at a stamp (ns); `learn` must have got that far."""
         down = bisect_right(self._turned, stamp) % 2 == 0
         stamps, values = self._trust.last(np.array([stamp], dtype=np.int64))
         if stamps[0] == NEVER:
@@ -323,8 +323,9 @@ class GroundSpeed:
     def _felt_ahead(self, felt: Array) -> tuple[Array, Array]:
         """Mean sine of the slope, nose up, over the last second, and mean specific force ahead without it.
 
-        Without an orientation the force is taken for the slope, and is not reduced by it. felt: rows of the
-        imu at each lag, (rows, lags, 9). Both results have shape (rows,): 1, m/s^2; NaN where unknown.
+        Without an orientation the slope is computed from the force, which is then not reduced by it. felt:
+        rows of the imu at each lag, (rows, lags, 9). Both results have shape (rows,): 1, m/s^2; NaN where
+        unknown.
         """
         ahead, up = mean_of_known(np.moveaxis(felt[:, :, [1, 4]], 1, 0)).T
         gravity = self.settings.gravity
@@ -452,7 +453,7 @@ class GroundSpeed:
         return np.asarray(found)
 
     def _late2(self, good: Flags, squares: Array) -> Array:
-        """Mean squared stamp error of the poses up to each row, s^2, at least that usual of a lidar.
+        """Mean squared stamp error of the poses up to each row, s^2; at least the usual one of a lidar.
 
         good: mask of the rows that count. squares: squared error of each row, s^2.
         """

@@ -138,7 +138,7 @@ class OfWheels:
             Shape (rows,), bool: True as long as there are fewer than ten pieces and these do not rule it out.
         share : ndarray
             Shape (rows,), 1: residual of the odometry's motion in the pieces about a constant multiple of
-            that of the rims, relative to its size; of path or turn, whichever is smaller. NaN before the
+            that of the rims, relative to its size; the smaller of those of path and turn. NaN before the
             first piece is complete, infinite where the motion is too small to tell.
         """
         total = _onward(self._total, parts)
@@ -251,7 +251,7 @@ class _Start:
         feels : ndarray
             Shape (rows,): 1 for a speed of the right sign, -1 for one of the wrong sign, 0 if unknown.
         waits : ndarray
-            Shape (rows,), bool: whether the start still goes on, so that it may be known later.
+            Shape (rows,), bool: whether the start has not ended yet, so that it may be known later.
         """
         good = np.isfinite(rims + speed + felt)
         dt = np.where(good, passed, 0.0)
@@ -280,15 +280,16 @@ class _Start:
 
 
 def _onward(before: Array, rows: Array) -> Array:
-    """Running sums along the first axis that begin at `before`, of the shape of one row; shape of `rows`."""
+    """Running sums of `rows` along the first axis, in the same shape, plus `before` (shape of one row)."""
     return np.cumsum(np.concatenate([before[None], rows]), axis=0)[1:]
 
 
 def _scatter(pieces: Array) -> float:
     """Smaller of the relative residuals of path and turn about a constant multiple of those of the rims.
 
-    Of each the larger of the rms over the last `PIECES` and the spread over all pieces: an odometry that is
-    computed from the wheels is their multiple all the time, an independent one may be for some metres.
+    The residual of each is the larger of the rms over the last `PIECES` and the spread over all pieces: an
+    odometry computed from the wheels is a multiple of theirs all the time, an independent one may be for some
+    metres.
     pieces: (pieces, 4), columns as in `OfWheels.take`. Infinite where both motions are too small.
     """
     found = np.inf

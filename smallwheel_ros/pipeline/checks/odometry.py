@@ -61,17 +61,17 @@ class TwistFrame:
     """Whether the twist's linear.x is the pose's speed along x of the map, rather than along its heading.
 
     Some simulators and motion capture publish it so. It is judged where the pose goes along its heading at
-    another speed than along x, and not along x either. There a twist of the vehicle's own speed is off by
-    `FRAME_ASIDE` of it, however wrong the heading is.
+    another speed than along x, and not along x either. There a twist that is the vehicle's own
+    speed differs from the speed along x by over `FRAME_ASIDE` of it, even if the heading is wrong.
     """
 
     def __init__(self) -> None:
         self.sums = np.zeros(3)  # m: way, misfit of the twist along x, way by the twist
 
     def take(self, window: Window) -> list[Said]:
-        """Process a span; return what the rule reports.
+        """Process the rows of a span of 2 s; return the faults that the rule reports at its end.
 
-        An odometry without a twist, or that is computed from the wheels, is not judged.
+        An odometry that has no twist, or is computed from the wheels, is not judged.
         """
         o, known = window.odometry, window.memory.known
         if o is None or not known.twist or known.of_wheels:

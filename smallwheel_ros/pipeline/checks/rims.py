@@ -237,7 +237,7 @@ class AnotherUnit:
         units = {**UNITS_OF_TURNING, "m/s at the rim": float(self.vehicle.radius.mean())}
         least, most = _UNIT_NEAR
         near = [u for u, f in units.items() if least < middle / f < most]
-        # Wheels that spin on the spot exceed 1 as well; driven wheels do not skid by so much.
+        # Wheels that spin on the spot exceed 1 as well; driven wheels do not skid that much.
         if not scatter <= UNIT_SCATTER * middle or (middle > 1.0 and not near):
             return []
         if middle > 1.0 and len(ratio) < UNIT_SURE:

@@ -6,7 +6,7 @@
     doubts.at(stream, stamps)   # whether it is not to be used there
 
 1. A difference of slips is no fault: stuck vehicles spin diagonally. No wheel is judged by others' slips.
-2. Exact before statistical: bit-for-bit repeats over way, signs, impossible sizes, sums.
+2. Exact before statistical: bit-for-bit repeats over a path, signs, impossible sizes, sums.
 3. Rows are chosen: signs and radii on straight rows, signs of turning on rows that turn.
 4. A source already reported is no evidence, such as odometry that repeats or is computed from the wheels.
 5. Faults that look the same are reported as "A or B", or not at all.
@@ -114,7 +114,7 @@ class Judge(Protocol):
 
 @dataclass(frozen=True)
 class Rule:
-    """A row of the table of rules.
+    """A rule: a row of the table `RULES`, and of docs/checks.md.
 
     Attributes
     ----------
@@ -395,8 +395,8 @@ class Checks:
     Attributes
     ----------
     doubted
-        Streams that are not to be used now, each with the stamp at which its fault began, ns; 0: with the
-        drive.
+        Streams that are not to be used now, each with the stamp at which its fault began, ns; 0 if it was
+        there from the beginning of the drive.
     anew
         Stamps (ns) at which the soil is learnt anew, because a stream that it was learnt from turned
         out to have been wrong from the beginning.

@@ -5,10 +5,10 @@ Wheels that are steered roll about one point. The rigid motion is fitted to rims
 odometry's direction of travel, once with the signs as given and once with those of some wheels reversed. A
 wrong sign makes a wheel seem to move sideways by twice its angle, and only the right sign removes that.
 
-The residual that a wrong sign leaves is known beforehand: it is that of the given signs on a vehicle that
-moves as the reversed ones say. Of this a wrong sign has all removed by reversal (1) and a right one nothing
-(0). Differences of slip remain whatever the signs, so that speed, size of the angles and slip have no part
-in the verdict.
+The residual that a wrong sign leaves is known beforehand: it is the one that the given signs leave on a
+vehicle that moves as the reversed signs imply. Reversal removes all of it if the sign is wrong (ratio 1) and
+nothing if it is right (0). Differences of slip remain whatever the signs, so that speed, size of
+the angles and slip have no part in the verdict.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from .sums import Said
 from .window import CheckedWheels, Window
 
 SIGN_ANGLE = 0.1  # rad: twice the 3 degrees by which zeros of joints are off
-# Of the speed: a zero off by 3 degrees makes a wheel seem to go aside by so much.
+# Of the speed: sideways speed that a wheel seems to have if its zero is off by 3 degrees.
 SIGN_OFF = 0.05
 SIGN_REMOVES = 0.5  # of what a wrong sign leaves over: half way between none wrong and wrong
-SIGN_SURE = 3.0  # standard errors over 0, by how much spans differ
+SIGN_SURE = 3.0  # standard errors over 0, by the scatter between spans
 SIGN_STEERED = 2.0  # m
 _FEWEST = 4  # wheels, of which one of three more than a rigid motion has is wrong
 _SPANS = 3  # by which they can be seen to differ
@@ -41,8 +41,8 @@ _NOTHING = 1e-12  # m^2/s^2: of signs that have no part in how the vehicle moves
 class SteeringSign:
     """Finds wheels whose steering angle has the wrong sign, by the fit of a rigid motion.
 
-    For each set of steered wheels it compares the residual that is removed by reversing their signs with the
-    one that this would remove if they were wrong.
+    For each set of steered wheels it compares the residual that reversing their signs removes with the one
+    that it would remove if they were wrong.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class SteeringSign:
 
 
 def _nearest(design: Array, shown: Array) -> Array:
-    """Values of the rows by the rigid motion that fits `shown` best, both (instants, rows)."""
+    """Values of the rows for the rigid motion that fits `shown` best; both have shape (instants, rows)."""
     normal = np.einsum("tri,trj->tij", design, design)
     right = np.einsum("tri,tr->ti", design, shown)
     best = np.linalg.solve(normal, right[..., None])[..., 0]

@@ -197,7 +197,7 @@ class RunningDeviation:
     Parameters
     ----------
     count
-        Number of errors that the deviation assumed beforehand counts for.
+        Number of errors that have the same weight as the deviation assumed beforehand.
     """
 
     def __init__(self, count: float) -> None:

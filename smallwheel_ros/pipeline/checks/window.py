@@ -230,7 +230,7 @@ class Known:
 
 @dataclass
 class Memory:
-    """What earlier spans have shown, as far as the rules need it for the present span.
+    """What earlier spans have shown that the rules need for the present span, and what this has shown so far.
 
     Attributes
     ----------
@@ -243,7 +243,8 @@ class Memory:
     of_map
         Whether the odometry's twist was found to be along the axes of the map.
     doubted
-        Streams that earlier rules of the table have reported in this span.
+        Streams that rules already run on the present span have reported (rules run in the order of `RULES` in
+        `rules.py`); emptied at each span.
     """
 
     known: Known = field(default_factory=Known)
@@ -254,7 +255,7 @@ class Memory:
 
 
 class Window:
-    """The rows of all sources in a span of 2 s and around it; None for a source with fewer than three.
+    """The rows of all sources in a span of 2 s and around it; None for a source with fewer than three rows.
 
     `pose_steps` has the steps (m) of the odometry's pose along x and y over `GAP` about its rows.
 
@@ -363,7 +364,7 @@ class Window:
         return Rows(o.t, np.column_stack([speed, turn, heading]))
 
     def _way_of(self, rims: Rows) -> Array:
-        """Way by the rims at their rows, m from the beginning of the drive."""
+        """Path of the rims from the beginning of the drive, at their rows, m."""
         speed = np.nan_to_num(np.abs(np.nanmedian(np.abs(rims.x), axis=1)))
         way = np.concatenate([[0.0], np.cumsum((speed * rims.held)[:-1])])
         return np.asarray(way - np.interp(0.0, rims.t, way) + self.memory.way)

@@ -28,7 +28,7 @@ JOINTS, ODOM, TWIST, IMU_TYPE = (
     "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistStamped",
     "sensor_msgs/msg/Imu",
 )  # fmt: skip
-_UNIT = 0.01  # a quaternion's length may be off by so much
+_UNIT = 0.01  # by which a quaternion's squared length may differ from 1
 
 
 @dataclass(frozen=True)

@@ -234,21 +234,22 @@ class Align:
     ) -> Array:
         """Error (m/s) of a speed that comes late or is a mean over time: change of the rims in that time.
 
-        It is that of the mean of all wheels, or without a gyro, when the late source also gives the yaw rate,
-        that of the wheel's own rim; shape (rows,). rims: speeds at the rows, (wheels, rows), m/s. ago: speeds
-        half the delay and the whole delay before, (wheels, 2, rows), m/s. gyro: rows with a gyro.
+        The change is that of the mean of all wheels; without a gyro, when the late source also gives the yaw
+        rate, it is that of the wheel's own rim. Shape (rows,). rims: speeds at the rows, (wheels, rows), m/s.
+        ago: speeds half the delay and the whole delay before, (wheels, 2, rows), m/s. gyro: mask of the rows
+        with a gyro.
         """
         if not len(rims) or believed.source not in believed.streams:
             return np.zeros(wheel.size)
         each = np.concatenate([rims[:, None], ago], axis=1)
         own = np.ptp(each, axis=1)[self._order[wheel], np.arange(wheel.size)]
-        # Of the wheels that are known: one that is doubted makes the others no surer.
+        # Mean of the wheels that are known: a doubted one does not make the others more certain.
         common = np.ptp(mean_of_known(each), axis=0)
         rolls = self._order[wheel] >= 0
         return np.asarray(np.nan_to_num(np.where(rolls & ~gyro, own, common)))
 
     def _torque(self, wheel: Integers, torque: Array) -> Array:
-        """Torques (N m), NaN as long as every one of a wheel was 0: its driver leaves the effort empty."""
+        """Torques (N m); NaN while all of a wheel were 0 so far, as its driver may leave the effort empty."""
         found = torque.copy()
         for number in range(len(self._strains)):
             mine = wheel == number

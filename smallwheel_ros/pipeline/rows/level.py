@@ -96,7 +96,7 @@ class Level:
     def at(self, stamps: Integers) -> Array:
         """Zero error of the slope force ahead and its standard deviation, m/s^2, at stamps (ns); (stamps, 2).
 
-        Each is by the rows up to its stamp.
+        Each depends only on the rows up to its stamp.
         """
         place = np.searchsorted(np.array(self._stamps), stamps, side="right") - 1
         return np.array(self._zeros)[place].reshape(-1, 2)

@@ -4,9 +4,9 @@
     hazard = slip + 2 (max(sin slope, 0)/2 + max(-dv/dt, 0)/g) - one deviation by the scatter of the speed
 
 Slip shows the share of the grip that is in use: the median over the wheels of means over half a second,
-extrapolated to the end of that time where slip grows. Loss of speed is pull that is already missing. Of the
-slope half of the pull that it demands counts, since slip answers to a slope within a second. All are taken
-along the direction in which the rims turn.
+extrapolated to the end of that time where slip grows. Loss of speed is pull that is already missing.
+Only half of the pull that a slope demands counts, since slip answers to a slope within a second. All are
+taken along the direction in which the rims turn.
 
 There are two levels: over 0.4 the vehicle may get stuck, over 0.5 it gets stuck. Either begins where slip
 grows, speed is lost, or slip alone is over that limit: a vehicle that climbs at a steady slip below it gets
@@ -19,8 +19,8 @@ after 3 s: a vehicle that starts in ground that does not carry it may never slip
 never rolled yet, and surely slides back on wheels that drive ahead, is warned of after 1 s; with an
 imu, once that has felt which way the vehicle goes, within 2 s of driving (`checks/lateness.py`).
 
-No warning is given where there may be no slip at all: it has to be above 0 by three deviations as
-stated (of a ground speed that is late, scattered, or hardly known).
+No warning is given where there may be no slip at all: it has to exceed 0 by three standard deviations, those
+stated for the ground speed (large for one that is late, scattered, or hardly known).
 
 Rows of the wheels need not share stamps: each wheel's newest row in a tenth of a second is used, so
 that the result depends neither on where blocks are cut nor on the order in which sensors report.
@@ -47,7 +47,7 @@ SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a
 OF_SLOPE = 0.5
 # Of the hazard, and of slip alone: by the 17 in snow, on even ground.
 FIRST, SECOND_LEVEL = 0.4, 0.5
-HOLDS = 0.1  # a level ends when the hazard is by so much below it: else noise of slip makes several of one
+HOLDS = 0.1  # a level ends when the hazard is this much below it: else noise of slip makes several of one
 SLIPS, SURELY = 0.3, 2.0  # slip that is of the first level by itself, by so many deviations
 # Deviations by which slip has to be over 0. They are what 0.8 of the errors keep to, and those of odometries
 # have heavy tails: by two, 7 warnings on 190 m of wet grass were false, by 2.5 three.
@@ -80,7 +80,7 @@ class Instants(Columns):
     stamp
         End of the tenth, ns.
     rim, ground, ground_std
-        Speeds of the rolling wheels' rims, their speeds over ground, and the standard deviations of these,
+        Rim speeds of the rolling wheels, their speeds over ground, and standard deviations of the latter,
         (rows, rolling wheels), m/s. On a vehicle that steers, the speeds' components along its course.
     speed
         Speed of the vehicle, along its course, m/s.
@@ -399,7 +399,7 @@ class Warnings:
 
 
 def _level_of(one: _Hazard, before: int) -> int:
-    """Level at an instant: one that begins, or the last instant's (`before`) as far as it goes on."""
+    """Level at an instant: one that begins, or the last instant's (`before`) as far as it still holds."""
     value = one.value
     begins = 0
     if value > SECOND_LEVEL and (one.grows or one.slip > SECOND_LEVEL):
@@ -411,7 +411,7 @@ def _level_of(one: _Hazard, before: int) -> int:
 
 
 def _slip(rim: Array, ground: Array) -> float:
-    """Median slip over the wheels, -1 to 1; of rim speeds, positive, and ground speeds, m/s, (wheels,)."""
+    """Median slip over the wheels, -1 to 1. rim (positive), ground: their speeds, m/s, (wheels,)."""
     middle = float(np.median(1.0 - ground / np.maximum(rim, SLOWEST_RIM)))
     return min(max(middle, -1.0), 1.0)
 

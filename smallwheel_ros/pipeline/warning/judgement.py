@@ -75,7 +75,7 @@ class Judgement:
     ground
         Computes the margin.
     warned
-        State of the warning in the newest turn; None if no tenth of a second has ended.
+        State of the warning in the newest turn of the pipeline; None if no tenth of a second has ended.
     instants
         The instants of `warned`, or None.
     stuck

@@ -11,9 +11,9 @@ the pull that was needed* is compared, not the pull at a slip. The ground cannot
 its grip, so what a vehicle achieves bounds its margin from below.
 
 The belief is a set of points drawn from the prior once, with weights; what was learnt of ground
-left behind is forgotten as exp(-path/10 m). For ground ahead 0.08 is added, by which places of one
-field differ. If the source of motion turns out to have been wrong from the beginning, everything
-learnt from it is dropped.
+left behind is forgotten as exp(-path/10 m). For ground ahead a standard deviation of 0.08 is included,
+the scatter between places of one field. If the source of motion turns out to have been wrong from the
+beginning, everything learnt from it is dropped.
 
 For the most that ground ahead can give (at the slip at which a vehicle makes no way), each metre that the
 vehicle has crossed is evidence as well: had much of the ground been unable to carry it, it would have got
@@ -115,7 +115,7 @@ def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
 
 
 def scatter_ahead(margin: Array | float) -> Array:
-    """Standard deviation (1) of the margin from place to place, on ground of this mean margin."""
+    """Standard deviation (1) of the margin from place to place on ground of this mean margin; same shape."""
     return np.asarray(AHEAD * np.clip(np.asarray(margin) / _AHEAD_OF, 0.0, 1.0))
 
 
@@ -163,7 +163,7 @@ class GroundMargin:
     offset
         Zero error of the accelerometer, over g, 1.
     radius
-        Error of all slips, by the wheels' radius, 1.
+        Error that all slips share because the wheels' radius is in error, 1.
     margins
         Margin of each point, 1.
     logs
@@ -423,7 +423,7 @@ class AnyGround:
     def _learn(
         self, rows: Instants, rims: Array, rim: float, speed: float, pull: float, noise: float
     ) -> None:
-        """Update the belief by a second, except in a turn, or where a wheel points or moves off the course.
+        """Update the belief by a second, unless the vehicle turns or a wheel points or moves off the course.
 
         The margin thus remains that of wheels along the course, into which they can be turned.
         """
