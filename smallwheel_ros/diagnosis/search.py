@@ -377,9 +377,10 @@ class Search:
         rivals
             Families of which one is missing, where the data cannot tell which.
         tied
-            Settings that were varied together. Models with and without an effect that depends on one of
-            them are given equal prior odds here: the data cannot decide, and predictions differ where these
-            settings vary apart.
+            Settings that were varied together. For each soil effect whose first driver is one of them (other
+            than load), models with and without it are given equal prior odds here: the data cannot decide,
+            and predictions differ where these settings vary apart. If nothing is named, models with these
+            effects are fitted first, and added to `models`.
 
         Returns
         -------

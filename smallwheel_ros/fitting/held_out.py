@@ -293,7 +293,7 @@ def cross_validate(
     *,
     known: Collection[str] | None = None,
 ) -> list[CvErrors]:
-    """Compute held-out errors of models, fitted without one fold of the values after another.
+    """Compute held-out errors of models, each fitted with one fold of the values left out at a time.
 
     Parameters
     ----------

@@ -172,8 +172,9 @@ def one_diameter(points: Points, soil: str) -> bool:
 def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
     """Return the model to fit for a user who starts from a known model.
 
-    Its soils and effects are refitted under a prior with its covariance, unless it has none or was fitted to
-    this very data: then soils start from it and have the usual prior.
+    The prior of its soils has the model's covariance, widened (`soil_priors`), and that of its effects the
+    stated standard deviations. If the model states no covariance or was fitted to this very data, its soils
+    are only starting values under the usual prior; in the latter case the numbers of its effects are free.
 
     Parameters
     ----------
@@ -182,8 +183,8 @@ def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = 
     measurements
         The table to fit.
     free
-        Whether effects' numbers are fitted for which the model states no standard deviation; else they stay
-        as they are.
+        Whether to fit those numbers of effects for which the model states no standard deviation; otherwise
+        they are held, unless the model was fitted to this very data.
     """
     model = known.model
     return Base(

@@ -261,7 +261,9 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
 
 
 def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float]) -> float:
-    """Compute the mean distance that the rims travelled over that of the vehicle; NaN if either is unknown.
+    """Compute the ratio of the rims' mean distance to the vehicle's, by absolute speeds while it drives.
+
+    It is 1 without slip; NaN if either distance is unknown, or was recorded too briefly.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ _STEPS = 12  # of Newton's method
 _STRIDE = 0.25  # of the furthest shift: longest step
 _FAR = 3.0  # ln factor from which on a measurement says nothing about the place
 _ENOUGH = 0.5  # share of the points in which both channels must say something
-_DULL = 0.02  # slope of ln value by ln factor under which a channel says nothing about the place
+_DULL = 0.02  # d ln value / d ln factor under which a channel says nothing about the place
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
@@ -291,7 +291,7 @@ def _asked_of(fitter: Fitter, fit: Fit, place: Place) -> dict[str, tuple[Array, 
 def _solve(
     model: Model, conditions: Conditions, place: Place, channel: str, measured: Array, far: float
 ) -> tuple[Array, Array]:
-    """ln factor or shift at which each row's prediction is `measured`, and the prediction's slope by it.
+    """ln factor or shift at which each row's prediction is `measured`, and the derivative there.
 
     Shape (rows,) each. far: limit of the shift, either way.
     """

@@ -434,15 +434,18 @@ class Term:
 
 
 def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
-    """List every term of these drivers that the grammar allows, once for each constant of a grid.
+    """List the terms that the grammar allows: the constant, then every term of these drivers.
+
+    A term with a constant of shape is listed once for each value of its grid. Products are formed only of
+    drivers with at least `FEWEST_LEVELS` levels that share no column.
 
     Parameters
     ----------
     drivers
         Drivers that vary over the points.
     settings
-        Number of settings that were measured: with 14 or more there are products of two drivers. It also
-        sets the cost of each number of a term, 1/2 ln(settings).
+        Number of settings that were measured: products of two drivers are listed from 14 on. It also sets
+        the cost of each number of a term, 1/2 ln(settings).
     """
     single = [term for driver in drivers for term in _single(driver)]
     pairs: list[Term] = []

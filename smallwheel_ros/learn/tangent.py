@@ -2,8 +2,8 @@
 """The whole grammar at once: the gain of each term at the tangent of a fitted model.
 
 About a fit, a term h with strength a at a place moves the predictions by a G h, where G is their
-slope by that place's factor. All terms of a place thus are one matrix product, and the same for
-every permutation of the errors. The gain of a term is measured by
+derivative with respect to that place's factor. All terms of a place thus are one matrix product, and the same
+for every permutation of the errors. The gain of a term is measured by
 
     n/2 ln det S      S: covariance of the channels' whitened errors over points, (channels, channels)
 

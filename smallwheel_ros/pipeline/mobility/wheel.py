@@ -42,7 +42,8 @@ _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter: sinkages among which 
 class Predicted(Mobility):
     """Predicted mobility of wheels on the estimated soil.
 
-    The margin rests on `Strengths.reserve`; it is `SUNK` where the wheel is sunk to its axle.
+    The margin rests on `Strengths.reserve`. Unlike in `Mobility`, it is `SUNK` (-1) where a rolling wheel is
+    sunk to its axle.
 
     Attributes
     ----------

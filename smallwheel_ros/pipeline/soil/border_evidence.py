@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether stretches lie on two soils, from their differences from a law.
 
-The shift is the change of ln k at a border, nu the innovations (m), and `by` the slope of sinkage by ln load.
+The shift is the change of ln k at a border, nu the innovations (m), and `by` is d sinkage / d ln load (m).
 The stretches of leading wheels that wait to be used give for each possible border, with sums over the
 stretches beyond it,
 

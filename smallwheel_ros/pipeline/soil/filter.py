@@ -20,7 +20,7 @@
     R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (s i z / 2)^2 + (ruts of many passes)
         + by^2 S^2 r w + A c
 
-`by` is the slope of sinkage by ln load. S is the soil's deviation of ln k from place to place; A is the
+`by` is d sinkage / d ln load. S is the soil's deviation of ln k from place to place; A is the
 variance of shown sinkage that does not scale with `by`. Both are learnt from the innovations
 (`SoilScatter`). r and c are 2/e and 1 for a stretch alone, 2 and (1 + a)/(1 - a) for one among neighbours
 whose correlation is a; w, for one among neighbours, is the number of wheels that run in its track, since they
@@ -98,7 +98,7 @@ _DRIFT = 0.02  # 1/sqrt(m), of ln pressure: over 100 m a soil may change by a fi
 _SIDE_FADE = 100.0  # m, over which the difference between the two sides is correlated
 _HUBER, _ITERATIONS, _CLOSE = 2.5, 4, 0.01
 _UNSETTLED = 1.0  # m beyond a border on which the soil may go on changing as it does at the border
-Law = tuple[Array, Array]  # mean (3,), and covariance (3, 3) or slopes by the state (3, size)
+Law = tuple[Array, Array]  # mean (3,); covariance (3, 3), or d mean / d state (3, size)
 
 
 class Member:
@@ -225,7 +225,8 @@ class SoilFilter:
     mean, covariance
         Mean and covariance of the state of `soil/model.py`, shape (size,) and (size, size).
     law
-        (ln pressure at the soil's reference, n, m), shape (3,), and their slopes by the state, (3, size).
+        (ln pressure at the soil's reference, n, m), shape (3,), and their derivatives with respect to
+        the state, shape (3, size).
     used
         Number of stretches of this soil that were used.
     settled
@@ -315,7 +316,7 @@ class SoilFilter:
         """Update the filters from stretches; return what `SoilScatter.learn` needs, (filters, 5, rows).
 
         For each filter, linearised at its first state: innovation, its variance due to the state and in all,
-        that due to sensors and law, and slope of sinkage by ln load.
+        that due to sensors and law, and d sinkage / d ln load.
         """
         count, z, many = len(rows), rows.sinkage, len(self.bank)
         each, power = Stretches.joined([rows] * many), self._power
@@ -470,7 +471,7 @@ class SoilFilter:
         -------
         miss, state, variance, by_load : ndarray
             Shape (rows,): measured less predicted sinkage, m; its variance due to the state, and in all, m^2;
-            slope of the predicted sinkage by ln load, m.
+            d predicted sinkage / d ln load, m.
         """
         mean, covariance = self.likeliest
         shown = self.model.h(mean, rows)

@@ -260,7 +260,7 @@ def seen_as(slopes: Array, covariance: Array) -> Array:
     Parameters
     ----------
     slopes
-        Slopes of the functions by x, shape (functions, size).
+        Derivatives of the functions with respect to x, shape (functions, size).
     covariance
         Covariance of x, shape (size, size).
 

@@ -6,7 +6,7 @@ variance v of a parameter would fall by the share
 
     share = c^T C_gg^-1 c / v,    c = C_g. a
 
-with C the covariance of the state, and a the slopes of the parameter by the state. The group with
+with C the covariance of the state, and a the gradient of the parameter in the state. The group with
 the largest share is the limit if its share is over a third; otherwise the amount of data is.
 """
 
@@ -78,7 +78,7 @@ class StateBelief:
         Parameters
         ----------
         rows
-            Slopes of the parameters by the law, (ln pressure, n, m), shape (parameters, 3).
+            Derivatives of the parameters with respect to (ln pressure, n, m), shape (parameters, 3).
 
         Returns
         -------
@@ -108,8 +108,8 @@ class StateBelief:
     def _removed(self, across: Array, index: list[int]) -> Array:
         """By how much the variance of each parameter would fall if a group were known, (parameters,).
 
-        across: slopes of the parameters by the state, times the covariance, (parameters, size). index: of the
-        group in the state.
+        across: gradients of the parameters in the state, times the covariance, (parameters, size). index: of
+        the group in the state.
         """
         own, shared = self.covariance[np.ix_(index, index)], across[:, index]
         inverse = np.linalg.pinv(own, hermitian=True)

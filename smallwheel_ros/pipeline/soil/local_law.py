@@ -49,8 +49,8 @@ class Version:
     model
         The model of the filter's state; None before any stretch.
     law, slopes
-        (ln p, n, m) of the soil, as defined in this module, shape (3,), and their Jacobian by the filter's
-        state, shape (3, size).
+        (ln p, n, m) of the soil, as defined in this module, shape (3,), and their Jacobian with respect to
+        the filter's state, shape (3, size).
     mean, covariance
         Mean and covariance of the filter's state (`soil/model.py`), shape (size,) and (size, size); before
         any stretch those of the law alone, with a size of 3.

@@ -90,7 +90,7 @@ class Sinkage:
     value
         Sinkage, m, (rows,).
     slopes
-        Its slopes by (ln K at the reference diameter, n, m, ln load), m, (rows, 4).
+        Its derivatives with respect to ln K at the reference diameter, n, m and ln load, m, (rows, 4).
     sunk
         Whether the wheel is sunk to its axle, (rows,).
     """
@@ -204,7 +204,7 @@ def covariates(
 
 @dataclass(frozen=True)
 class Shown(Columns):
-    """Predicted sinkages and their slopes.
+    """Predicted sinkages and their derivatives.
 
     Attributes
     ----------
@@ -346,7 +346,7 @@ class LawModel:
         return np.diag(factors), Q
 
     def pressure(self, u: Array, n: Array) -> tuple[Array, Array, Array]:
-        """Compute ln K under the reference wheel from its sinkage exp(u), and its slopes.
+        """Compute ln K under the reference wheel from its sinkage exp(u), and its derivatives.
 
         Parameters
         ----------
@@ -358,7 +358,7 @@ class LawModel:
         Returns
         -------
         log_modulus, by_u, by_n : ndarray
-            ln K (Pa/m^n), and its slopes by u and n, shape (rows,).
+            ln K (Pa/m^n), and its derivatives with respect to u and n, shape (rows,).
         """
         load, diameter, width = self.reference
         ratio = np.exp(u) / diameter
@@ -379,8 +379,8 @@ class LawModel:
         Returns
         -------
         law, jacobian : ndarray
-            (ln pressure at the reference sinkage and diameter, n, m), shape (3,), and its slopes by the
-            state, shape (3, size).
+            (ln pressure at the reference sinkage and diameter, n, m), shape (3,), and its derivatives with
+            respect to the state, shape (3, size).
         """
         u, n, m = y[:LAW]
         log_modulus, by_sinkage, by_exponent = (float(v) for v in self.pressure(u, n))
@@ -401,7 +401,7 @@ class LawModel:
         Returns
         -------
         Shown
-            h(x) and its slopes, a row for each stretch.
+            h(x) and its derivatives, a row for each stretch.
         """
         index = np.arange(len(rows))
         whole = np.broadcast_to(x, (index.size, self.size))
@@ -430,7 +430,7 @@ class LawModel:
         Returns
         -------
         Shown
-            Sinkage and its slopes, a row for each of `rows`.
+            Sinkage and its derivatives, a row for each of `rows`.
         """
         index, own = np.arange(len(rows)), WHEELS + EACH * rows.wheel + 1
         u, n, m, passed, sides, scale, off, digs, delay = y[:, : DELAY + 1].T

@@ -26,7 +26,7 @@ MODEL_ERROR = 0.02
 class SoilScatter:
     """Scatter of stretches beyond what state and sensors explain, learnt from innovations nu (m).
 
-    It is a regression of nu^2 - H P H - base on (1, by^2 share), with `by` the slope of sinkage by ln k (m),
+    It is a regression of nu^2 - H P H - base on (1, by^2 share), with `by` = d sinkage / d ln k (m),
     and base the variance due to sensors and law.
     Wheels that run in one track meet the same places, so that all of them measure the law as well as one.
 
@@ -89,7 +89,7 @@ class SoilScatter:
         rows
             The stretches.
         shown
-            Sinkages of the stretches by the model, and their slopes.
+            Sinkages of the stretches by the model, and their derivatives.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class SoilScatter:
         base
             Part of its variance due to sensors and law, m^2.
         by
-            Slope of sinkage by ln k (its sign does not matter), m.
+            d sinkage / d ln k (its sign does not matter), m.
         """
         keep = 1.0 - 1.0 / self._MEMORY
         features = np.array([1.0, by**2 * self.share])

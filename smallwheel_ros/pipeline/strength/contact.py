@@ -105,8 +105,8 @@ class OnSoil(Columns):
         Parameters
         ----------
         **by
-            Slopes of the quantity by `sinkage`, `compaction`, `other` and `log_load`, shape (rows,) or a
-            number; 0 for those that are not given.
+            Derivatives of the quantity with respect to `sinkage`, `compaction`, `other` and `log_load`, shape
+            (rows,) or a number; 0 for those that are not given.
 
         Returns
         -------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forces of wheels for a state of the strength's filter, with their slopes.
+"""Forces of wheels for a state of the strength's filter, with their derivatives.
 
 The state is that of `strength/filter.py`: numbers of the soil, of each wheel, and the grip of each cell, a
 stretch of 0.1 m of the ground under the vehicle.
@@ -27,7 +27,7 @@ from .contact import OnSoil
 COHESION, FRICTION, SHEAR, OTHER, SLIP, ROLLING, RIM, LOSS, LEVEL, WHEELS = range(10)
 OF_SOIL = [COHESION, FRICTION, SHEAR, ROLLING, RIM]  # in the order of `sloped_forces`
 _WIDEST = 1.0  # variance of ln thrust up to which a thrust is taken to be lognormal
-_DEEPER = 1e-5  # of the diameter: step of sinkage for slopes by differences
+_DEEPER = 1e-5  # of the diameter: step of sinkage for numerical derivatives
 
 
 @dataclass(frozen=True)
@@ -91,16 +91,16 @@ class Rolling:
 
 
 class Force(NamedTuple):
-    """A force of each row, with its slopes.
+    """A force of each row, with its derivatives.
 
     Attributes
     ----------
     value
         The force, N, (rows,).
     row
-        Slopes by the filter's state, N over the state's units, (rows, size).
+        Derivatives with respect to the filter's state, N over the state's units, (rows, size).
     by_slip, by_load, by_sinkage
-        Slopes by slip (N), ln load (N) and sinkage (N/m), (rows,).
+        Derivatives with respect to slip (N), ln load (N) and sinkage (N/m), (rows,).
     """
 
     value: Array
@@ -178,8 +178,8 @@ class Believed:
         at
             The rolling wheels.
         exact_slip
-            Whether slips are exact. Otherwise the state's errors of slip are added to them, and forces have
-            slopes by these.
+            Whether slips are exact. Otherwise the slip errors in the state are added to them, and
+            `Force.row` includes the derivatives with respect to these errors.
 
         Returns
         -------
@@ -200,7 +200,7 @@ class Believed:
         push
             The thrust that each force contains.
         row
-            Slopes of the forces by the state, shape (rows, size), N over the state's units.
+            Derivatives of the forces with respect to the state, shape (rows, size), N over the state's units.
 
         Returns
         -------
@@ -221,7 +221,7 @@ class Believed:
         Parameters
         ----------
         one, other
-            Slopes of the functions by the state, shape (rows, size).
+            Derivatives of the functions with respect to the state, shape (rows, size).
 
         Returns
         -------
@@ -285,7 +285,7 @@ def forces(
 
 
 def pull_and_rim(x: Array, cells: Integers, at: Rolling) -> tuple[Array, Array]:
-    """Compute the pull and rim force of `forces` without slopes, at half the cost.
+    """Compute the pull and rim force of `forces` without derivatives, at half the cost.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ def pull_and_rim(x: Array, cells: Integers, at: Rolling) -> tuple[Array, Array]:
 def _with_factor(forces: Array, factor: Array) -> tuple[Array, Array, Array]:
     """Apply the effects' factor to thrust and rim force, and its gain of thrust to the pull.
 
-    forces: thrust, pull and rim force without the factor, or their slopes, (3, ..., rows).
+    forces: thrust, pull and rim force without the factor, or their derivatives, (3, ..., rows).
     """
     thrust, pull, rim = forces
     return factor * thrust, pull + (factor - 1.0) * thrust, factor * rim

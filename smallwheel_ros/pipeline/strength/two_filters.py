@@ -74,8 +74,9 @@ class Strengths:
     now
         Filter for the present pull: uses all measurements, and starts from `strength`.
     reserve
-        Filter for the margin: starts from `of_any_ground`, unless `measured`, and uses only the balance of
-        the vehicle's forces once there is one, since a wheel's torque or pull only shows its own place.
+        Filter for the margin: starts from `of_any_ground`, unless `measured`. Once the balance of the
+        vehicle's forces has been measured it uses only that, since the torque or pull of a single wheel
+        tells only about the ground under that wheel.
     steps
         Number of steps in which anything was measured.
     sources

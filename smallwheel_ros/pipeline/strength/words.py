@@ -132,7 +132,7 @@ def _deviations(believed: Believed) -> Array:
 def is_determined(P: Array, prior_std: Array) -> Flags:
     """Whether a strength is determined: at most half of the friction angle's prior variance is left.
 
-    Friction is the main part of a thrust.
+    The friction angle counts, since friction is the largest part of the thrust.
 
     Parameters
     ----------
