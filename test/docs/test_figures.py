@@ -65,11 +65,15 @@ def test_the_rates_are_those_of_the_files_of_results(tmp_path: Path) -> None:
 
 def test_what_fails_in_words_is_in_the_files_of_results() -> None:
     text = prose(run.PAGE)
-    traction, priors = (pd.read_csv(run.FOLDER / f"{name}.csv") for name in ("traction", "priors"))
-    pulls = traction[traction.what == "pull in its 95 % band"].value.astype(float)
+
+    def values(subject: str, what: str) -> pd.Series[float]:
+        rates = pd.read_csv(run.FOLDER / f"{subject}.csv")
+        return rates[rates.what == what].set_index("world").value.astype(float)
+
+    pulls = values("traction", "pull in its 95 % band")
     assert f"{pulls.min():.2f} of the pulls of the worst world" in text
-    flags = priors[priors.what == "drives with a wrong flag"].set_index("world").value.astype(float)
-    assert f"{flags['all']:.2f} of the drives of `priors`" in text
+    foreign, soil = (values(name, "m determined at the end")["all"] for name in ("foreign", "soil"))
+    assert f"m is determined in {foreign:.2f} of the drives of `foreign`, in {soil:.2f} of" in text
 
 
 def test_the_real_drives_are_those_of_their_file() -> None:
