@@ -153,7 +153,7 @@ class CostSettings:
         "m",
         (0.0, 10.0),
         "Each cell of ~/cost takes the highest cost within this distance, for every planner (docs/nav2.md)."
-        " Without it: to the outermost corner.",
+        " Without it: from base_link to the wheels' outermost corner, and half a cell's diagonal.",
     )
     unknown: Literal["prior", "none"] = parameter(
         "prior",
@@ -168,7 +168,7 @@ class CostSettings:
         None,
         "1",
         (0.0, 99.0),
-        "Crossed ground that costs up to this counts as free, 0, as ground does that nobody has seen. Without"
+        "Crossed ground that costs up to this counts as free (0), like ground that nobody has seen. Without"
         " it: what any ground costs before driving, on a slope of 5 degrees.",
     )
 

@@ -44,7 +44,7 @@ class OwnTrack:
         Parameters
         ----------
         last, pose
-            Last and present pose of base_link.
+            Last and present pose of base_link, in the frame of the costs: x, y (m) and heading (rad).
         home
             Cost of the cells on the way back, 0 to 99; 100 if the vehicle is stuck, which stays.
         """

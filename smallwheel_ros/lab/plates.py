@@ -61,7 +61,7 @@ class FittedLaw:
         Relative error (rms) of the predicted sinkage of plates whose size was left out of the fit; None with
         two sizes, too few to leave one out.
     by_size, by_depth
-        The same error by diameter (m), and in each range of `PlateLaws.depths`.
+        The same error by diameter (m), and in each range of `PlateLaws.depths`; empty with two sizes.
     """
 
     law: PlateLaw

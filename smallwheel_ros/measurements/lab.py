@@ -181,6 +181,11 @@ def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
         The table's columns, which are changed.
     run
         Name of each row's run, shape (rows,).
+
+    Raises
+    ------
+    MeasurementsError
+        If no row is left.
     """
     load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
     pushed = columns.contact != ROLLING

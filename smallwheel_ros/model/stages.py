@@ -100,7 +100,7 @@ class Stages:
         return value if self.all_rolling else without_covariate(value, neutral, self.rolling)
 
     def loaded(self, k: ArrayLike, n: ArrayLike, m: ArrayLike) -> LoadedRows:
-        """Apply the effects that act before the contact is solved to load, wheel and soil.
+        """Apply to load, wheel and soil the effects that act before the contact is solved.
 
         Parameters
         ----------

@@ -43,6 +43,8 @@ def thrust(
 ) -> Array:
     """Thrust (N) of the soil on a wheel at a slip; negative where the wheel skids.
 
+    Equations 1 and 2 are those of Meirion-Griffith and Spenko (2011).
+
     H0 = b l c + W tan(phi)                                     (eq. 1; Bekker 1956)
     exponential: H = H0 (1 - exp(-i l / kappa))                 (eq. 2)
     integrated:  H = H0 [1 - kappa/(i l) (1 - exp(-i l/kappa))] (Janosi and Hanamoto 1961)

@@ -89,7 +89,7 @@ class Contact:
         diameter
             Shape (rows,), m.
         sinkage
-            Depth of the lowest point below the surface in front of the wheel, shape (rows,), m.
+            Depth of the lowest point below the untouched surface, rut included, shape (rows,), m.
         rut
             Depth of the rut that earlier passes left, shape (rows,), m; 0 if not given.
 

@@ -257,7 +257,7 @@ def peaked_curves(
 ) -> Curves:
     """Compute curves of a wheel whose pressure peaks ahead of its lowest point, by the law of `response_of`.
 
-    The shear stress has a hump over displacement; of `strength` rolling and residual are not used.
+    The shear stress has a hump over displacement. `strength.rolling` and `.residual` are ignored.
 
     Parameters
     ----------

@@ -63,7 +63,8 @@ class StateBelief:
     Attributes
     ----------
     slopes
-        Slopes of the law, (ln pressure at the estimate's reference, n, m), by the state, (3, size).
+        Derivatives of (ln pressure at the estimate's reference, n, m) with respect to the state, shape
+        (3, size).
     mean, covariance
         Mean and covariance of the state (`soil/model.py`), (size,) and (size, size).
     """

@@ -26,9 +26,9 @@ MODEL_ERROR = 0.02
 class SoilScatter:
     """Scatter of stretches beyond what state and sensors explain, learnt from innovations nu (m).
 
-    It is a regression of nu^2 - H P H - base on (1, by^2 share), with `by` = d sinkage / d ln k (m),
-    and base the variance due to sensors and law.
-    Wheels that run in one track meet the same places, so that all of them measure the law as well as one.
+    It is a regression of nu^2 - H P H' - base on (1, by^2 share), with H P H' the variance due to the state
+    (`soil/model.py`), `by` = d sinkage / d ln k (m), and base the variance due to sensors and the law's form.
+    Wheels that run in one track cross the same places, so that together they tell no more than one of them.
 
     Parameters
     ----------

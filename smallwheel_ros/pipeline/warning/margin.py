@@ -124,7 +124,7 @@ def risk_ahead(
 ) -> Array:
     """Compute the probability that a place ahead gives less pull than is required, at whatever slip.
 
-    It equals the cost of a cell of the cost map whose slope requires as much.
+    The cost map uses the same probability, in per cent, for ground ahead whose slope requires as much.
 
     Parameters
     ----------
