@@ -209,7 +209,7 @@ class BagReader:
         return self
 
     def _bridge(self) -> None:
-        """Shift the log times of messages recorded years before or after most others next to those of these.
+        """Shift log times that are years before or after those of most messages next to the latter.
 
         Before /clock ticks, recorders with use_sim_time write 0 (ros2/rosbag2#1276).
         """

@@ -49,7 +49,7 @@ fit = command(
 
 
 def _tables_shown(asked: Options) -> Options:
-    """Arguments with which each table of a folder is printed as soon as it is done."""
+    """The argument `done` of `compare`: a function that prints each table of a folder once it is judged."""
     from tqdm import tqdm
 
     from smallwheel_ros.views.law_table import table_text

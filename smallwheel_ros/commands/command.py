@@ -173,6 +173,7 @@ def command(
     Returns
     -------
     click.Command
+        The command, with the name of the function.
     """
     kinds = kinds_of(function)
     listens = "progress" in inspect.signature(function).parameters
@@ -203,7 +204,7 @@ def command(
 def with_what_was_typed(function: Function, *more: str) -> str:
     """Return the command line of a function's command, with the words typed for the running command.
 
-    Of these it has the table and the options that the other command takes, too.
+    Only words that belong to the table, or to an option that `function` has too, are repeated.
 
     Parameters
     ----------
@@ -239,7 +240,7 @@ def taken(function: Function, options: Given) -> Given:
     Raises
     ------
     CommandError
-        If NAME=VALUE repeats a parameter.
+        If an argument NAME=VALUE, for a setting, has the name of a parameter of the function.
     """
     parameters = inspect.signature(function).parameters
     names = [name for name in parameters if name in options]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the mobility margin and its uncertainty to a cost of 0 .. 100: the risk of getting stuck, in per cent.
 
-The margin is drawbar pull over load at the reference slip, the tangent of the slope that the ground
-holds. A vehicle that slips more is not stuck yet: up to the slip at which it makes no way, where
-the map has 100, the ground gives more, by what is gained beyond the reference slip.
+The margin is drawbar pull over load at the reference slip: the tangent of the steepest slope that the
+vehicle can climb at that slip. A vehicle that slips more is not stuck yet: the pull over load still rises, by
+`beyond`, up to the slip at which the vehicle makes no way, where the map has 100.
 
     cost = 100 P(margin + beyond - slope < required margin), rounded; both sides normally distributed
 
@@ -11,9 +11,9 @@ A cost of 30 thus is ground of which three in ten places stop the vehicle. It fa
 and rises with its uncertainty, up to 50 for ground that is expected to be passable.
 
 Ground that the vehicle crossed has shown that it gives at least what it required there. The
-distribution of the margin is cut off below that, so that crossing a metre lowers its own cost:
+distribution of the margin is cut off below that (`shown`), so that crossing a metre lowers its own cost:
 
-    cost = 100 P(margin + beyond - slope < required margin | that is more than what was asked for)
+    cost = 100 P(margin + beyond - slope < required margin | margin + beyond > shown)
 
 100, which planners take for lethal, is used only where the vehicle was seen to make no way.
 Expectations, of ground ahead or of ground crossed, cost 99 at most.

@@ -168,7 +168,7 @@ class _Strip:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Of the axle, m."""
+        """Position x, y of the axle's middle, m."""
         (ax, ay), (bx, by) = self.across[0]
         return 0.5 * (ax + bx), 0.5 * (ay + by)
 

@@ -111,7 +111,7 @@ class Spreader:
 
 
 def _spread_changes(result: Cells, before: Cells, costs: Cells, reach: float) -> None:
-    """Change the result for costs before into that for other costs."""
+    """Update `result`, the spread of the costs `before`, in place to that of `costs`; reach in cells."""
     changed = ends(costs != before)
     if changed[0].start == changed[0].stop:
         return

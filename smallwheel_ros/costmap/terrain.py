@@ -2,9 +2,9 @@
 """The margins that wheels have met on each terrain class, and the priors of named classes.
 
 A new place of a class is treated as one more draw from the distribution of its places that have been crossed.
-For a class without a name, the mean is that of their margins, and the variance
+For a class without a prior, the mean is that of the places' margins, and the variance is
 
-    of the soil's estimate, mean over the places           (an error that all of them share)
+    variance of the soil's estimate, mean over the places  (an error that all of them share)
   + scatter^2 (1 + 1/N)                                    N: places crossed
 
     scatter^2 = (2 CLASS_SCATTER^2 + sum of squared deviations from the mean) / (N + 1)
@@ -15,11 +15,11 @@ costs more than one that has been crossed at length.
 For a class with a name in `PRIORS` the prior, with its margin m0 and deviation s0, is worth two places too:
 
     mean      (2 m0 + sum of the margins) / (2 + N)
-    variance  of the estimate N / (2 + N) + (2 s0^2 + sum of squared deviations of all 2 + N) / (2 + N)
+    variance  (N times that of the estimate + 2 s0^2 + sum of squared deviations of all 2 + N) / (2 + N)
 
 The gain beyond the reference slip is the mean over the same places. A place where the vehicle got
-stuck, and has not got through since, counts as one with a margin of -1. All of this is expectation: it
-costs 99 at most.
+stuck, and has not got through since, counts as one with a margin of -1. All of these costs are predictions,
+99 at most.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class ClassPrior:
 # 17 degrees. Softness: pneumatic tyres on roads reach their best at a slip of 0.1 to 0.2 (Wong), in sand
 # and snow pull goes on rising to 0.5 and more (Wong, chapter 2). Resistance: rolling resistance of tyres,
 # asphalt 0.013, gravel 0.02, earth road 0.05 (Wong, chapter 1), loose sand 0.1 to 0.3 (Carvill 1993; Wong),
-# snow 0.02 to 0.12 (CRREL TR-01-16, table 11). Deviation: half of what these differ by. Recorded drives on
+# snow 0.02 to 0.12 (CRREL TR-01-16, table 11). Deviation: half of their differences. Recorded drives on
 # grass, gravel, sand, snow and a floor (129 m that teach a margin) are within two deviations, but only since
 # they leave the margin unsure by 0.33: they neither confirm nor refute.
 PRIORS: Mapping[str, ClassPrior] = {

@@ -306,7 +306,7 @@ def _soil(last: pd.Series[Any], answer: dict[str, Any]) -> list[str]:
 
 
 def _pull(full: Clip, answer: dict[str, Any]) -> str:
-    """Stated against true drawbar pull of wheels that move."""
+    """A sentence on errors of the drawbar pull of moving wheels, beside its stated standard deviation."""
     off, deviation = _pull_errors(full.mobility, answer)
     inside = (abs(off) < _BAND * deviation).mean()
     rms = np.sqrt((off**2).mean())
@@ -330,10 +330,10 @@ def _pull_errors(table: pd.DataFrame, answer: dict[str, Any]) -> tuple[Array, Ar
 
 
 def _stuck(rows: list[dict[str, Any]], epoch: int, answer: dict[str, Any]) -> str:
-    """A sentence on the distance and time before the vehicle is stuck from which on its messages warn.
+    """A sentence on the distance and time by which the node's warning came before the vehicle was stuck.
 
-    For both levels of the warning, and by the stamps of the messages: diagnostics come once a second, which
-    is several seconds of a bag that is played faster than it was recorded.
+    It gives them for both levels of the warning, by the stamps of the messages: diagnostics come once a
+    second, which is several seconds of a bag that is played faster than it was recorded.
     """
     stuck = answer["stuck"]
     if stuck is None:

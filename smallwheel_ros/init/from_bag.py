@@ -276,7 +276,7 @@ class _Finder:
     def _looks_back(
         self, values: Mapping[str, Value], turned: Mapping[str, str], signs: Mapping[str, int]
     ) -> bool:
-        """Whether by the odometry all joints turn backward about the description's axes, with a note if so.
+        """Whether all joints turn backward about the description's axes, by the odometry; add a note if so.
 
         turned: by wheel, its joint. signs: by joint, as returned by `signs_of`.
         """
@@ -294,7 +294,7 @@ class _Finder:
     def _turn_axes(
         self, values: dict[str, Value], turned: Mapping[str, str], signs: Mapping[str, int]
     ) -> None:
-        """Set `joint_sign` of the wheels whose joints turned otherwise in the drive than `values` has it."""
+        """Set `joint_sign` of wheels whose joints turned in the drive against the sign that `values` has."""
         mirrored = []
         for wheel, joint in turned.items():
             sign, name = signs.get(joint), f"{wheel}.joint_sign"

@@ -283,13 +283,13 @@ def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float])
 def unit_by_way(times: float, radius: float) -> str:
     """Find in which unit, other than rad/s, joints' speeds must be, from the distances of rims and vehicle.
 
-    Returns words for the unit or units that the ratio fits; empty if it fits rad/s, or is NaN. A ratio of 4
-    would mean a slip of 0.75, which no drive has from end to end.
+    Returns words for the unit or units that the ratio `times` fits; empty if it fits rad/s, or is NaN. A
+    ratio of 4 would mean a slip of 0.75, which no drive has from end to end.
 
     Parameters
     ----------
     times
-        Path of the rims over that of the vehicle, as returned by `times_the_way`.
+        Ratio of the rims' mean distance to the vehicle's, as returned by `times_the_way`.
     radius
         Radius of the wheels, m.
     """

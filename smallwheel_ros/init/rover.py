@@ -309,7 +309,7 @@ _LEFT_OUT = {
 
 
 def _left_out_lines(rover: Rover) -> list[str]:
-    """The lines of a parameter file, below `ros__parameters:`; ## begins what only explains."""
+    """Lines of a file, below `ros__parameters:`, for parameters left out; explanations begin with ##."""
     lines = ["", '    ## To use a line that is left out, remove the "# " before it.']
     for name, one in _LEFT_OUT.items():
         if name in rover.values or name in rover.missing:

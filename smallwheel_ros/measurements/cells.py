@@ -194,7 +194,7 @@ def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers
         return [_column(cells, t, {"."}) for cells, t in zip(columns, joined, strict=True)]
     spelled = [map(_spelling, {c for c in cells if isinstance(c, str)}) for cells in columns]
     kinds = [{s.kind for s in texts if s is not None} for texts in spelled]
-    # a column of both marks is wrong already, and says nothing of the others
+    # a column with both marks is wrong in any case, and is no evidence for the other columns
     seen = set[str]().union(*(k for k in kinds if not k >= _BOTH))
     table = seen & _BOTH
     if not table and "?," not in seen:

@@ -2,8 +2,8 @@
 """Runs that occur in a table twice, because they were pasted again, perhaps under other names.
 
 Where readings have few digits, two runs of one setting can agree to the last digit by chance: if readings
-scatter by `sigma` and are written in steps of `q`, each does with probability q / (2 sqrt(pi) sigma). Equal
-runs are copies if far more readings agree than chance allows.
+scatter by `sigma` and are written in steps of `q`, two of them are equal with probability
+q / (2 sqrt(pi) sigma). Equal runs are copies if there are far more of them than chance allows.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def without_copies(data: Measurements) -> tuple[Measurements, str]:
         equal_settings[settings[order].tobytes()].append(float(np.prod(chances[one])))
     copies = [copy for same in alike.values() for copy in same[1:]]
     expected = sum(0.5 * (len(c) - 1) * sum(c) for c in equal_settings.values())
-    # The chance of as many or more, where so many are expected (Poisson).
+    # Probability of at least as many equal runs by chance, given the number expected (Poisson).
     if not copies or not gammainc(len(copies), expected) < _CHANCE:
         return data, ""
     first = min(copies, key=lambda one: int(one.min()))
@@ -79,7 +79,7 @@ def _columns(data: Measurements) -> tuple[Array, dict[str, Array]]:
 def _chances(data: Measurements, readings: dict[str, Array]) -> Array:
     """Probability that another run of the same setting has the same readings as each row, shape (rows,).
 
-    A channel that has one value throughout tells no two runs apart, and does not count.
+    A channel that has one value throughout cannot tell runs apart, and does not count.
     """
     found = np.ones(len(data))
     for name, values in readings.items():

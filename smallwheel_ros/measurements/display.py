@@ -71,9 +71,10 @@ def effect_words(name: str) -> str:
 
 
 def to_tell(names: Sequence[str]) -> str:
-    """Words for the question that runs are to decide between these effects; "none" stands for no effect.
+    """Say in words what further runs are to find out about effects; the name "none" stands for no effect.
 
-    One effect gives "whether slip sinkage is missing", several "bulldozing from slip sinkage".
+    One effect gives "whether slip sinkage is missing", several give "bulldozing from slip sinkage", which
+    completes "to tell".
     """
     effects = [name for name in names if name != "none"]
     if len(effects) == 1:

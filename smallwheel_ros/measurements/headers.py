@@ -147,7 +147,7 @@ def find(text: str) -> Match | None:
 
 
 def near_miss(text: str) -> str | None:
-    """The known word that a text of five letters or more misspells by one keystroke."""
+    """The quantity whose word a text of five letters or more misspells by one keystroke; None if none."""
     whole = plain(text)
     if whole in _BY_WORD or len(whole) < 5:
         return None
@@ -156,7 +156,7 @@ def near_miss(text: str) -> str | None:
 
 
 def meant(heading: Heading) -> str | None:
-    """The quantity whose known header is nearest to an unknown one: `sinkge_mm`, `sinkage (foo)`."""
+    """The quantity that an unknown header, as `sinkge_mm` or `sinkage (foo)`, likely means; None if none."""
     brackets = _ROUND_BRACKETS.fullmatch(heading.name)
     match = find(brackets[1]) if brackets else None
     if match is not None:

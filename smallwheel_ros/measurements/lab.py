@@ -169,7 +169,7 @@ def name_curves(columns: TableColumns) -> None:
 
 
 def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
-    """Of plates and pressed wheels, keep the rows in which the load presses them in for the first time.
+    """Keep those rows of plates and pressed wheels in which the load presses them in for the first time.
 
     Before contact, load and sinkage are noise around 0, and a law of first loading does not describe a
     load that is removed and applied again. Where a curve begins above the soil, its sinkage is counted from

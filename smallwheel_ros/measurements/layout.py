@@ -64,7 +64,7 @@ _NAMES = ("run", "soil", "wheel")  # that may be typed once, with blanks below
 _SUMMARY, _REMARK = "is no measurement", "is a remark"
 _MOST_MEANS = 1000  # rows that are looked at
 _FEW = 0.25  # share of rows at most that have an odd name
-# Of tables with a row a quantity, or a row a reading.
+# For tables with one row for each quantity, or for each reading.
 _LEAST_QUANTITIES = 2  # quantities that stand in the first column: one may be a title's
 _SHORT = 2  # characters: so short are names of runs, too (b, i, W1)
 _OF_TEXTS = {"run", "soil", "wheel", "contact"}  # whose cells are texts
@@ -282,7 +282,7 @@ def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
 
 
 def is_label(heading: Heading, numbers: Numbers) -> bool:
-    """Whether a column of unknown name and without a unit is one of texts: too few of its cells are numbers.
+    """Whether a column is one of texts: its name is unknown, it has no unit, and few cells are numbers.
 
     Parameters
     ----------
@@ -476,8 +476,8 @@ def _is(
 ) -> bool:
     """Whether each number of `row` is that statistic of the same column's numbers in `rows`.
 
-    At least one column must vary over `rows`: of a column with one value throughout, any further
-    measurement has that value, too.
+    At least one column must vary over `rows`: in a column with one value throughout, a further measurement
+    has that value, too, as a statistic has.
     """
     varies = False
     for position, numbers in numeric.items():

@@ -277,8 +277,8 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
     """Join several tables of one lab (a file for each plate, one for the wheel), rows in order.
 
     A covariate that one table lacks is left out if that table has rolling wheels, else it is NaN in
-    that table's rows. Runs of one name in two tables stay different runs. Labels are dropped. Of a column
-    that was written in several units, `written_units` has that of the first table.
+    that table's rows. Runs of one name in two tables stay different runs. Labels are dropped. If the tables
+    have a column in different units, `written_units` has the unit of the first of them.
     """
     if len(tables) == 1:
         return tables[0]
@@ -323,11 +323,11 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
 
 
 def joined_rows(tables: Sequence[Any]) -> dict[str, Any]:
-    """Fields of several tables that are joined in one way, whatever the tables are of, by name.
+    """Join the fields that tables of wheels and of shear tests have in common; returns them by name.
 
-    These are `run` and `line` of their rows, a joint `source` and `sha256`, and `understood`, each sentence
+    They are `run` and `line` of their rows, a joint `source` and `sha256`, and `understood`, each sentence
     with its file or the table's number. If a run's name occurs in several tables, the name of the file or the
-    table's number is put before all.
+    table's number is put before the names of all runs.
     """
     names = [name for table in tables for name in set(table.run.tolist())]
     run = [table.run for table in tables]

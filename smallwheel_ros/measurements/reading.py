@@ -546,7 +546,7 @@ def _take_numbers(
         to_base(np.zeros(1), unit or DIMENSIONLESS, expected if unit else None)
         columns.units[name] = expected or ("" if unit is None else base_unit(unit))
     except UnitsError as error:
-        # Of a column in the wrong unit every value may look wrong: say nothing of those.
+        # In a column in the wrong unit every value may look wrong: its values are not reported.
         mend = "correct the unit, or say what the column is with --map NAME=HEADER"
         columns.problem(f"{shown_unit(str(error))}: {mend}", name)
         return
@@ -620,7 +620,7 @@ def check_range(
     wanted = spec.expected()
     if no_unit and name in ("diameter", "width"):
         wanted = wanted if spec.bad(values[bad]).any() else f"{low:g} to {high:g} m"
-    negative = bool((values[bad] <= 0).all())  # of these no unit is wrong, but the sign
+    negative = bool((values[bad] <= 0).all())  # the sign is wrong, not the unit
     of_sign = name in ("load", "sinkage")
     hint = f"; {spec.hint}" if spec.hint and (negative or not of_sign) else ""
     if spec.unit == "m" and no_unit and not negative:
@@ -633,7 +633,7 @@ def _check_cells(columns: TableColumns, name: str, parsed: Numbers) -> None:
     cells = columns.cells[name]
     by_text: dict[str, list[int]] = {}
     for row, fault in parsed.faults.items():
-        # Of cells that are wrong in the same way the first says it all.
+        # Cells that are wrong in the same way are reported once, by the first of them.
         text = shown(cells[row])
         why = fault or next((why for start, why in _ODD_CELLS if re.match(start, text)), "")
         by_text.setdefault(why or text, []).append(row)

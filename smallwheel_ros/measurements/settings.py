@@ -2,13 +2,13 @@
 """Which rows of a table were measured at the same setting, and which are repeats of one run.
 
 A rig does not hit a setting exactly and a load cell does not read it exactly, so two rows are of one
-setting where everything that was set agrees within a tolerance:
+setting if everything that was set agrees within a tolerance:
 
     load        10 % (in ln load): wheels lift and dive by that much at one dead weight
     diameter     2 % (in ln diameter): a wheel's rubber and wear
     width        2 mm: the same
-    covariates   4 % of the column's range, or 2 % of its largest value where that is more, or
-                 `ColumnSpec.same` where that is more: finer differences than a twenty-fifth of the
+    covariates   the largest of 4 % of the column's range, 2 % of its largest absolute value (not for a
+                 temperature in K), and `ColumnSpec.same`: differences finer than a twenty-fifth of the
                  range cannot show an effect. The pass is a count: half a pass.
     contact, soil, and the wheel where the table names wheels: equal
 
@@ -49,7 +49,7 @@ _FEWEST = 3  # degrees of freedom below which a spread says nothing
 def one_row_a_wheel(data: Measurements) -> bool:
     """Whether runs have one row for each of several named wheels, as on a vehicle.
 
-    So have the tables that `replay` writes, where a run is a stretch of the drive.
+    Tables that `replay` writes are of this kind: their runs are stretches of the drive.
     """
     if not data.wheels_given:
         return False
@@ -77,7 +77,7 @@ def setting_columns(measurements: Measurements) -> dict[str, Array]:
 
 
 def varies(column: Array) -> bool:
-    """Whether a setting was varied: it spans over `VARIES` of its largest value; NaN is ignored."""
+    """Whether the range of a setting is over 5 % (`VARIES`) of its largest absolute value; NaN is ignored."""
     known = column[np.isfinite(column)]
     size = float(np.max(np.abs(known), initial=0.0))
     return size > 0.0 and float(np.ptp(known)) > VARIES * size
@@ -103,7 +103,7 @@ def _tolerances(measurements: Measurements, wheels: bool) -> list[tuple[Array, f
         same = COLUMNS.get(name, OTHER).same
         known = c[name][np.isfinite(c[name])]
         if name != "pass_number" and known.size:
-            # Of a temperature in kelvin the zero is far away: its size says nothing.
+            # The zero of the kelvin scale is far from any setting, so the size of a value in K means nothing.
             size = 0.0 if measurements.units.get(name) == "K" else np.max(np.abs(known))
             same = max(same, OF_RANGE * float(np.ptp(known)), _OF_SIZE * float(size))
         found.append((c[name], same))
@@ -162,8 +162,8 @@ def settings_of_rows(measurements: Measurements) -> Index:
     """Number of each row's setting, shape (rows,): 0, 1, ... in the order of first appearance.
 
     Rows with one number agree in everything that was set, within the tolerances of this module's docstring.
-    The names of the wheels of one vehicle are no part of the setting. A blank covariate agrees with blank
-    only.
+    The names of the wheels of one vehicle are no part of the setting. A blank covariate only agrees with a
+    blank one.
     """
     wheels = measurements.wheels_given and not one_row_a_wheel(measurements)
     return _combined(cluster(*column) for column in _tolerances(measurements, wheels))
@@ -277,7 +277,8 @@ def repeatability(measurements: Measurements) -> dict[str, float]:
         sigma^2 = sum over runs, rows of (y - mean of the run)^2 / sum over runs of (rows - 1)
 
     Differences between runs, for which the soil was prepared anew, are not included, so the held-out error
-    of even the true model is somewhat larger.
+    of even the true model is somewhat larger. A channel is absent if it has fewer than three degrees of
+    freedom, the sum of (rows - 1), or if repeats never differ.
     """
     index = repeats_of_rows(measurements)
     found = {}

@@ -140,7 +140,7 @@ def order_followed(data: Measurements) -> str:
         return ""
     first = first[:: first.size // _MOST_PAIRED + 1]
     order = data.conditions[times[0]][first] if times else first.astype(float)
-    # Wheels are changed seldom: what they differ by is compared within one wheel.
+    # Wheels are changed seldom: only runs of the same wheel are compared.
     wheel = codes_of(data.wheel[first])[1]
     before = np.where(wheel[:, None] == wheel, np.sign(order[:, None] - order), 0.0)
     found = [

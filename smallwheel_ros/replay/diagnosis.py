@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from smallwheel_ros.diagnosis.pipeline import Diagnosis
 
-# Stretches: with fewer, an effect that is there is rarely seen; of more, every second, third and so on is
-# used, since a diagnosis takes a tenth of a second for each.
+# Stretches: with fewer, an effect that is there is rarely seen; if there are more, every second, third and so
+# on is used, since a diagnosis takes a tenth of a second for each.
 _FEWEST, _MOST = 120, 240
 # Chance of such stretches if nothing were missing, over which no model is refitted: four times the bench's
 # own alarm. Drives of another author's simulator are above it in none of 8 with hidden slip sinkage, and in

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as the node would have received it: which topic is which input, and the pipeline's turns."""
+"""A bag as the node would have received it: which topic is which input, and runs of the pipeline over it."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import Integers
 from smallwheel_ros.replay.spec import resolved
 
-# A turn takes so many messages at most, and so much (ns) of the recording: fewer turns take less time.
+# Messages in a block, and its length (ns) in the recording, at most: larger blocks take less time in all.
 _BLOCK, _LONGEST = 16_384, 5 * SECOND
-_TURNS = 3  # whose ends are remembered: rows of a turn wait for the slowest stream
+_TURNS = 3  # blocks whose ends are remembered: rows wait for the slowest stream
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 
 
@@ -88,7 +88,7 @@ class Recording:
             self.used.add(_CLOCK)
         of = self._topics.items()
         self._odometry = {name for name, topic in of if ODOMETRY in topic.streams}
-        self._newest: list[tuple[int, int]] = []  # stamps at ends of turns, and log times
+        self._newest: list[tuple[int, int]] = []  # stamps at ends of blocks, and log times
 
     def _listen(self, key: Key, topic: Topic) -> None:
         """Note that a topic of the bag is an input, and how to read it, or why it cannot be read."""
@@ -112,7 +112,7 @@ class Recording:
         each: Callable[[RawMessage], object] | None = None,
         block: int = _BLOCK,
     ) -> Iterator[Iterator[Turn]]:
-        """Read the bag to its end in blocks, and yield for each block the pipeline's results (turns).
+        """Read the bag to its end in blocks, and yield for each block the results of the pipeline (`Turn`).
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Recording:
         Yields
         ------
         iterator of Turn
-            The turns of a block, computed as they are asked for.
+            Results of the pipeline's turns over a block, none if no rows are complete; computed on demand.
 
         Raises
         ------
@@ -177,7 +177,7 @@ class Recording:
         self._pipeline.note(stream, "not_readable", f"topic {topic}: {reason(error)}")
 
     def _turn(self, chunk: list[Message], *, last: bool = False) -> Iterator[Turn]:
-        """Feed a block of messages to the pipeline, and return its turns, computed as they are asked for."""
+        """Feed a block to the pipeline, and return the results of its turns, computed on demand."""
         if chunk:
             feed(self._pipeline, self._topics, self._decoders, chunk)
             of_odometry = (data for topic, data, _ in reversed(chunk) if topic in self._odometry)
@@ -188,7 +188,7 @@ class Recording:
         return self._pipeline.turns(last=last)
 
     def log_times(self, stamps: Integers) -> Integers:
-        """Log times (ns) at which the newest messages had these stamps (ns), interpolated between turns.
+        """Log times (ns) at which the newest messages had these stamps (ns), interpolated between blocks.
 
         They are at most the log time of the newest message read.
         """
@@ -207,7 +207,7 @@ def turns_of(
     clock: bool = True,
     remap: Mapping[str, str] | None = None,
 ) -> Iterator[Turn]:
-    """Run the pipeline over a bag, and yield its results turn by turn, a few thousand messages at a time.
+    """Run the pipeline over a bag, and yield the results of each turn of the pipeline.
 
     Parameters
     ----------

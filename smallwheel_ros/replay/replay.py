@@ -243,7 +243,7 @@ class _Drive:
         )
 
     def _write(self, turn: Turn) -> None:
-        """Write a turn into tables and bag, and lay it down on the map."""
+        """Write the results of one turn of the pipeline into the tables, the bag and the cost map."""
         if turn.starts_over:
             self._stretches.starts_over()
         changing, log_times = self._happened.take(turn), self._recording.log_times
@@ -300,7 +300,7 @@ class _Drive:
         return VehicleEstimates.joined(with_classes)
 
     def _told(self) -> list[dict[str, Any]]:
-        """Fields of SoilEstimate of the soils of the newest turn."""
+        """Fields of SoilEstimate, one mapping for each soil of the newest turn of the pipeline, in order."""
         told = []
         for soil in self._happened.soils:
             known = next((fields for one, fields in self._soils if one is soil), None)

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tables of a drive: estimates, twists, the vehicle's mobility, and steady stretches as measurements.
 
-Consecutive readings of a sensor are not independent evidence, since they are of the same spot. Each row
-of measurements is therefore the median of a wheel's readings over a stretch no shorter than a turn
-of the largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or
-speed changed are left out, since a row must be one steady measurement; so are those within a
-wheel's turn of a change of soil, where some wheels are on the other soil. The pass number is that
-of the middle half of a stretch's readings. If it is known for most rows, rows without it are left
-out, since that column of a table of measurements has no blanks; otherwise the column is left out.
+Consecutive readings of a sensor are not independent evidence, since they are of the same spot. Each
+row of measurements is therefore the median of a wheel's readings over a stretch as long as the
+circumference of the largest wheel (for a pressed wheel, 0.5 mm of new depth), and the rows of one
+stretch are one run. Stretches in which load, slip or speed changed are left out, since a row must be
+one steady measurement; so are the last two before a change of soil, when some wheels may be on the
+new soil already. The pass number is that of the middle half of a stretch's readings. If it is known
+for most rows, rows without it are left out, since that column of a table of measurements has no
+blanks; otherwise the column is left out.
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
     def __init__(self, stem: Path, start: int, wheels: Sequence[str]) -> None:
         self._csv, self._parquet_path = Path(f"{stem}.csv"), Path(f"{stem}.parquet")
         self._start, self._wheels = start, np.array(wheels, dtype=object)
-        self._blocks: list[dict[str, Any]] = []  # columns of turns
+        self._blocks: list[dict[str, Any]] = []  # columns, by turns of the pipeline
         self._soils: list[Mapping[str, Any]] = []  # of the block
         self._waiting = 0
         self._parquet: Any = None
@@ -457,7 +458,8 @@ class SteadyStretches:
     def _reduce(self, soil: int) -> None:
         """Reduce the readings of ended stretches to a row for each wheel and stretch.
 
-        Ended are those of soils before `soil`, and all but each wheel's last: wheels do not count alike.
+        A stretch has ended if it is of a soil before `soil`, or if the wheel has readings of a later stretch:
+        wheels begin a stretch at different times.
         """
         if not self._readings:
             return
@@ -518,7 +520,11 @@ class SteadyStretches:
 
 
 def _medians(table: pd.DataFrame, order: list[str]) -> pd.DataFrame:
-    """The medians of each stretch and wheel, how well they are known, and whether it is steady."""
+    """One row for each stretch and wheel: medians of its readings, `count`, and whether it is `steady`.
+
+    sinkage_std and drawbar_pull_std are standard errors of these medians. passes is NaN if its quartiles
+    differ, or it is unknown.
+    """
     table = table.assign(wheel=pd.Categorical(table["wheel"], order))
     groups = table.groupby(_KEYS, observed=True)
     values = [name for name in table if name not in _KEYS]

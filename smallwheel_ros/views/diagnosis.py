@@ -90,9 +90,10 @@ def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) 
     found
         The diagnosis.
     pictures
-        Whether to make the block of `models`, which takes some fits, if it is not given.
+        Whether to make the block `models`, which takes some fits, if it is None.
     models
-        Block in which effects can be set and unset; if not given, one with the steps to the verdict.
+        Block in which effects can be set and unset; None: the one that `models_block` makes, or none without
+        `pictures`.
     """
     document, data = found.document, found.measurements
     models = models_block(found) if pictures and models is None else models

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects to set and unset on the page of a diagnosis: every choice was fitted beforehand.
 
-The page has the base model, the steps to the verdict, and the named effects together with each rival, or with
-those that come closest. With `every`, it also has each effect alone and each together with the named ones:
-every model that one click from the base or from the verdict leads to.
+The page has the base model, the steps to the verdict, and the named effects together with each rival and each
+effect that comes closest. With `every`, it also has each effect alone and each together with the named ones:
+every model that is one click away from the base or from the verdict.
 """
 
 from __future__ import annotations

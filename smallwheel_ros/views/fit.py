@@ -81,7 +81,7 @@ def page(found: FitResult, pictures: bool = True) -> Page:
 
 
 def _correlations(found: FitResult) -> list[Table]:
-    """Numbers that are known together better than each alone; all correlations are in the JSON."""
+    """A table of the pairs of fitted numbers with a high correlation; empty if there are none."""
     rows = [
         {"one": found.names[b], "other": found.names[a], "correlation": found.correlation[a, b]}
         for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _TOGETHER, -1))

@@ -25,7 +25,7 @@ def page(found: Diagnosis, beside: Comparison, models: Models | None = None) -> 
     beside
         The comparison; its expected errors of a true model are replaced by those of the diagnosis.
     models
-        Block in which effects can be set and unset; if not given, one with the steps to the verdict.
+        Block in which effects can be set and unset; None: the one that `models_block` makes.
     """
     beside = compared.with_floors(beside, found.document)
     made = diagnosed.page(found, models=models)
