@@ -52,7 +52,7 @@ class CurveSpan:
         Name of the setting.
     middle, half
         Middle and half width of the range, in the setting's SI unit (at the stage `pressure`, of ln depth).
-        Of a one-sided range, the value at which the setting has no effect, and the distance from there to
+        For a one-sided range, the value at which the setting has no effect, and the distance from there to
         the far end.
     side
         Sign of a one-sided range (1 above `middle`, -1 below), whose curve is 0 at `middle`; 0 if

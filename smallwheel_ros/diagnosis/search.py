@@ -160,7 +160,7 @@ class Screen:
     def testability(self) -> list[float]:
         """Squared change of the predictions by each entry of `columns`, in variances (dimensionless).
 
-        Of an entry with several columns the largest counts.
+        For an entry with several columns, the largest.
         """
         size = np.sum(self._white**2, axis=0)
         return [float(size[place].max()) for place in self._places]

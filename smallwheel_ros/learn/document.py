@@ -291,7 +291,7 @@ def _asked_of(fitter: Fitter, fit: Fit, place: Place) -> dict[str, tuple[Array, 
 def _solve(
     model: Model, conditions: Conditions, place: Place, channel: str, measured: Array, far: float
 ) -> tuple[Array, Array]:
-    """ln factor or shift at which each row's prediction is `measured`, and the derivative there.
+    """ln factor or shift at which each row's prediction is `measured`, and d prediction / d it.
 
     Shape (rows,) each. far: limit of the shift, either way.
     """
