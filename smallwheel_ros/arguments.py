@@ -73,9 +73,19 @@ def understand(said: str) -> None:
         print(f"understood: {said}", file=sys.stderr, flush=True)
 
 
-def was_given(value: object) -> bool:
-    """Whether an optional argument was given: None and an empty collection stand for one that was not."""
-    return value is not None and value not in ((), [], {})
+def refuse_given(arguments: Mapping[str, object], why: str) -> None:
+    """Raise ArgumentError for the first of these optional arguments that was given, though it has no effect.
+
+    Parameters
+    ----------
+    arguments
+        Values by name; None and an empty collection stand for an argument that was not given.
+    why
+        Why it has no effect, and what to do, to follow "NAME: found VALUE".
+    """
+    for name, value in arguments.items():
+        if value is not None and value not in ((), [], {}):
+            raise ArgumentError(f"{name}: found {value!r} {why}")
 
 
 def names_of(text: str) -> tuple[str, ...]:

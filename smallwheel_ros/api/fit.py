@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.api.read import read_test
-from smallwheel_ros.arguments import Geometry, was_given
+from smallwheel_ros.arguments import Geometry, refuse_given
 from smallwheel_ros.common.errors import ArgumentError
 from smallwheel_ros.measurements.given import Tests
 from smallwheel_ros.model.given import AnyModel, Effects, effects_of, model_of
@@ -81,12 +81,11 @@ def fit(
             "model and geometry: found both, expected one: a model has its geometry"
         )
     if measurements is None:
-        for name, given in (("effects", effects), ("geometry", geometry)):
-            if was_given(given):
-                raise ArgumentError(
-                    f"{name}: found {given!r} with shear tests alone, to which it is not fitted: add tests "
-                    "of plates or wheels, or leave it out"
-                )
+        refuse_given(
+            {"effects": effects, "geometry": geometry},
+            "with shear tests alone, to which it is not fitted: add tests of plates or wheels, or leave it "
+            "out",
+        )
         return fit_lab(None, joined_shear(tests), known=known)
     base = Base(geometry=geometry or "contact_integral")
     if known is not None:

@@ -13,7 +13,7 @@ from smallwheel_ros.arguments import (
     Setting,
     Sheets,
     SoilName,
-    was_given,
+    refuse_given,
 )
 from smallwheel_ros.common.errors import ArgumentError
 from smallwheel_ros.measurements.given import Settings
@@ -107,9 +107,7 @@ def predict(
         rows = conditions_of(data, map=map, sheet=sheet, **sizes)
         one = rows.conditions.soil is None or soil is not None
         return predict_rows(_on_soil(model, soil, closed_form, effects, one), rows)
-    for name, how in (("map", map), ("sheet", sheet)):
-        if was_given(how):
-            raise ArgumentError(f"{name}: found {how!r} without data: give the table it is about")
+    refuse_given({"map": map, "sheet": sheet}, "without data: give the table it is about")
     lacking = [name for name in ("load", "diameter", "width") if name not in given]
     if lacking:
         raise ArgumentError(

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from smallwheel_ros.arguments import Compliance, Contact, Headers, Sheets, Size, was_given
+from smallwheel_ros.arguments import Compliance, Contact, Headers, Sheets, Size, refuse_given
 from smallwheel_ros.common.errors import ArgumentError, kind_of
 from smallwheel_ros.measurements.given import Data
 from smallwheel_ros.measurements.typed import number_of
@@ -127,13 +127,11 @@ _Table = TypeVar("_Table")
 
 
 def _as_it_is(table: _Table, how: Mapping[str, Any]) -> _Table:
-    """Return a table that was read before. Raises ArgumentError where it is to be read in another way."""
-    for name, value in how.items():
-        if was_given(value):
-            raise ArgumentError(
-                f"{name}: found {value!r} for a table that was read before, which stays as it is: give it "
-                "to sw.read with the file"
-            )
+    """Return a table that was read before. Raises ArgumentError if other arguments are given."""
+    refuse_given(
+        how,
+        "for a table that was read before, which stays as it is: give it to sw.read with the file",
+    )
     return table
 
 

@@ -26,7 +26,7 @@ from scipy.special import stdtrit
 
 from smallwheel_ros.fitting.constants import CLEAN, FORCE_LUGS, FORCE_WHEEL, OUTLIER, ROW_NOISE
 from smallwheel_ros.fitting.points import Index, Points, runs_of
-from smallwheel_ros.measurements.columns import FORCES
+from smallwheel_ros.measurements.columns import FORCES, Texts
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
@@ -58,14 +58,19 @@ def _columns(conditions: Conditions) -> Array:
     return np.column_stack(columns)
 
 
-def _gain(of_soil: Array, columns: Array, value: Array) -> Array:
+def _soil_of(conditions: Conditions, row: Index) -> Texts:
+    """Name of the soil of each value, shape (values,); empty where rows name none. row: as in `through`."""
+    return np.full(row.size, "") if conditions.soil is None else conditions.soil[row]
+
+
+def _gain(soil: Texts, soils: Texts, columns: Array, value: Array) -> Array:
     """Matrix that takes ln of the values to the intercept of each soil and the slope of each column.
 
-    of_soil: 1 where a value is of a soil, else 0, shape (values, soils). columns: shape (values, used).
-    Values under the median have less weight: their logarithms are less certain, and their size matters least.
+    soil: of each value, shape (values,). soils: shape (soils,). columns: shape (values, used). Values under
+    the median have less weight: their logarithms are less certain, and their size matters least.
     """
     weight = np.sqrt(np.minimum(value / np.median(value), 1.0))
-    line = np.hstack([of_soil, columns]) * weight[:, None]
+    line = np.hstack([soil[:, None] == soils, columns]) * weight[:, None]
     return np.asarray(np.linalg.pinv(line, rcond=1e-8) * weight)
 
 
@@ -111,12 +116,10 @@ class NoiseLine:
         known = np.isfinite(columns).all(axis=0)
         columns = columns[row]
         varied = np.flatnonzero(known & (np.ptp(np.where(known, columns, 0.0), axis=0) > _VARIED))
-        named = conditions.soil
-        mine = np.full(row.size, "") if named is None else named[row]
-        soils, code = np.unique(mine, return_inverse=True)
+        mine = _soil_of(conditions, row)
+        soils = np.unique(mine)
         used = varied[: max(value.size // _VALUES_A_COLUMN - len(soils), 0)]
-        gain = _gain(np.eye(len(soils))[code.reshape(-1)], columns[:, used], value)
-        found = gain @ np.log(value)
+        found = _gain(mine, soils, columns[:, used], value) @ np.log(value)
         return cls(tuple(soils.tolist()), found[: len(soils)], used, found[len(soils) :])
 
     def power_of_load(
@@ -141,9 +144,8 @@ class NoiseLine:
         """
         if 0 not in self.used:
             return np.inf, 0.0
-        named = np.full(row.size, "") if conditions.soil is None else conditions.soil[row]
-        of_soil = (named[:, None] == np.array(self.soils)).astype(float)
-        gain = _gain(of_soil, _columns(conditions)[row][:, self.used], value)
+        columns = _columns(conditions)[row][:, self.used]
+        gain = _gain(_soil_of(conditions, row), np.array(self.soils), columns, value)
         left = np.log(value) - np.log(self.at(conditions)[row])
         spare = max(value.size - len(self.own) - self.used.size, 1)
         place = int(np.flatnonzero(self.used == 0)[0])

@@ -62,6 +62,8 @@ class ColumnSpec:
         the column (`settings.settings_of_rows`).
     hint
         Text that is printed with a refused value.
+    hint_of_sign
+        Text that is printed in its place if all refused values are 0 or less.
     """
 
     description: str
@@ -71,6 +73,7 @@ class ColumnSpec:
     usual: tuple[float, float] = (-np.inf, np.inf)
     same: float = 0.0
     hint: str = ""
+    hint_of_sign: str = ""
 
     def bad(self, values: Array) -> Mask:
         """Whether each value is outside the range, as infinities are and NaN is not; shape of `values`."""
@@ -104,7 +107,7 @@ COLUMNS: dict[str, ColumnSpec] = {
     # The least is the weight of 50 g: less is kilonewtons that were not said.
     "load": ColumnSpec(
         "normal load on the wheel", "N", *_LOAD, usual=(0.5, 1e5),
-        hint="a load is positive where the wheel presses on the ground: turn the sign of the column",
+        hint_of_sign="a load is positive where the wheel presses on the ground: turn the sign of the column",
     ),
     "diameter": ColumnSpec("wheel diameter", "m", *_SIZE, usual=(0.005, 3.0)),
     # Widths are cut to a millimetre or so.
@@ -112,8 +115,8 @@ COLUMNS: dict[str, ColumnSpec] = {
     # No deeper than the largest wheel is high.
     "sinkage": ColumnSpec(
         "sinkage", "m", 0.0, 20.0,
-        hint="sinkage is positive downwards: turn the sign of the column, or, of a few readings near 0, "
-        "correct the zero of the gauge",
+        hint_of_sign="sinkage is positive downwards: turn the sign of the column, or, of a few readings near "
+        "0, correct the zero of the gauge",
     ),
     "resistance": ColumnSpec("motion resistance", "N", *_FORCE),
     "drawbar_pull": ColumnSpec("drawbar pull", "N", *_FORCE),

@@ -620,12 +620,12 @@ def check_range(
     wanted = spec.expected()
     if no_unit and name in ("diameter", "width"):
         wanted = wanted if spec.bad(values[bad]).any() else f"{low:g} to {high:g} m"
-    negative = bool((values[bad] <= 0).all())  # the sign is wrong, not the unit
-    of_sign = name in ("load", "sinkage")
-    hint = f"; {spec.hint}" if spec.hint and (negative or not of_sign) else ""
-    if spec.unit == "m" and no_unit and not negative:
-        hint = f"; without a unit it is metres: for mm the header is '{name} [mm]'"
-    columns.outside(name, values, bad, wanted + hint)
+    hint = spec.hint
+    if (values[bad] <= 0).all():  # the sign is wrong, not the unit
+        hint = spec.hint_of_sign or hint
+    elif spec.unit == "m" and no_unit:
+        hint = f"without a unit it is metres: for mm the header is '{name} [mm]'"
+    columns.outside(name, values, bad, f"{wanted}; {hint}" if hint else wanted)
 
 
 def _check_cells(columns: TableColumns, name: str, parsed: Numbers) -> None:

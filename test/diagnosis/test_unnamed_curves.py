@@ -20,6 +20,7 @@ from smallwheel_ros.diagnosis.curves import (
     spans_of,
 )
 from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.measurements.display import ADDED
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -145,3 +146,7 @@ def test_what_is_added_is_shown_in_its_unit_and_what_multiplies_as_a_factor(
     factor = curve_shown(part, "sinkage", DRIVEN, slips, fit)  # type: ignore[arg-type]
     assert {*factor} == {"setting", "stage", "x", "factor", "low", "high"}
     assert factor["factor"][-1] == pytest.approx(np.exp(0.08))
+
+
+def test_every_stage_that_adds_has_words() -> None:
+    assert {name for name, stage in STAGES.items() if stage.adds} == set(ADDED)

@@ -164,6 +164,7 @@ def answer(
     predicted = np.isfinite(can.sinkage) & (measured | (not settings.law_unknown))
     if settings.law_unknown:
         can = _without_law(can, measured)
+    sunk = can.sunk & by_law
     digging = rolls & (judged.level == 2)
     slip_unknown = rolls & ~np.isfinite(rows.slip)
     # Without slip a model whose effects read it has no sinkage: then slip is what is missing.
@@ -179,21 +180,15 @@ def answer(
         Condition.LOAD_MISSING: ~np.isfinite(loads.load),
         Condition.NOTHING_PREDICTED: np.isfinite(loads.load)
         & ~can.sunk & ~predicted & ~waits & (measured | (not settings.law_unknown)),
-        Condition.SUNK_TO_AXLE: can.sunk & by_law,
+        Condition.SUNK_TO_AXLE: sunk,
         Condition.LOAD_STATIC: static & np.isfinite(loads.load),
         Condition.DIGS: digging,
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
     pull_known, reserve_told = _known_strength(strengths, strength_version)
     margin, margin_std, median, lower_std, beyond, by_soil, risk = _margins(
-        state,
-        rows,
-        can,
-        judged,
-        (measured & reserve_told, can.sunk & by_law),
-        strengths.measured,
-        rolls,
-    )
+        state, rows, can, judged, measured & reserve_told, sunk, strengths.measured, rolls
+    )  # fmt: skip
     has[Condition.MARGIN_OF_PRIOR] = (
         rolls & (not strengths.measured) & is_prior(margin_std, settings.reference_slip)
     )
@@ -267,17 +262,17 @@ def _does_not_fit(
 
 
 def _margins(
-    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, masks: tuple[Flags, Flags],
+    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, told: Flags, sunk: Flags,
     measured: bool, rolls: Flags,
 ) -> tuple[Array, Array, Array, Array, Array, Flags, Array]:  # fmt: skip
     """Choose the margin of each row, and compute its risk.
 
-    masks: of the rows for which the soil's law was measured, and its strength narrowed by some measurement;
-    and of those whose wheel is sunk to its axle by a measured law. The deviations of both margins are
-    honest, so the margin with the smaller one is closer: that of any ground is the mean of a belief with a
-    long upper half, and is too high for as long as little is known. measured: whether the strength is from a
-    model file, as measured; then the margin is the filter's from the start. rolls: mask of the rows of
-    rolling wheels; of others all is NaN.
+    told: mask of the rows for which the soil's law was measured, and its strength narrowed by some
+    measurement; sunk: of those whose wheel is sunk to its axle by a measured law. The deviations of both
+    margins are honest, so the margin with the smaller one is closer: that of any ground is the mean of a
+    belief with a long upper half, and is too high for as long as little is known. measured: whether the
+    strength is from a model file, as measured; then the margin is the filter's from the start. rolls: mask of
+    the rows of rolling wheels; of others all is NaN.
 
     A wheel that is sunk to its axle has no margin of its own. It counts as `SUNK` in the vehicle's risk,
     which is that of all rows as long as such a wheel's newest row is at most 2 s old.
@@ -286,7 +281,6 @@ def _margins(
     its gain from the reference slip to the slip at which the vehicle no longer moves, whether it is the
     strength filter's, and the risk.
     """
-    told, sunk = masks
     by_filter = told & ~(can.margin_std >= judged.margin_std)
     by_filter = (by_filter | measured) & np.isfinite(can.margin)
     by_filter |= sunk
@@ -301,21 +295,17 @@ def _margins(
     shown = [np.where(sunk, np.nan, column) for column in margins]
     _, _, median, lower, beyond = margins
     risk = judged.risk.copy()
-    any_sunk = (by_filter & (median == SUNK)).any() or any(
-        one[2] == SUNK for one in state.newest.values()
-    )
     known, of_vehicles = list[int](), []
-    for i in np.flatnonzero(rolls & (by_filter | any_sunk)).tolist():
+    for i in np.flatnonzero(rolls).tolist():
         now = int(rows.stamp[i])
         if by_filter[i]:
             state.newest[int(rows.wheel[i])] = now, can.load[i], median[i], lower[i], beyond[i]
         recent = [one[1:] for one in state.newest.values() if now - one[0] <= STALE]
-        if not by_filter[i] and all(one[1] != SUNK for one in recent):
-            continue
-        # All wheels stand on one estimated soil, so their errors are taken to go together.
-        load, *of_vehicle = np.array(recent).T
-        known.append(i)
-        of_vehicles.append([float(load @ each) / float(load.sum()) for each in of_vehicle])
+        if by_filter[i] or any(one[1] == SUNK for one in recent):
+            # All wheels stand on one estimated soil, so their errors are taken to go together.
+            load, *of_vehicle = np.array(recent).T
+            known.append(i)
+            of_vehicles.append([float(load @ each) / float(load.sum()) for each in of_vehicle])
     if known:
         risk[known] = risk_ahead(judged.asked[known], *np.array(of_vehicles).T)
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)

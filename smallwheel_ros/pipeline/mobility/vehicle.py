@@ -403,6 +403,9 @@ class _Newest:
 def vehicle_margin(newest: Estimates) -> Quantity | None:
     """Compute the margin of a vehicle: pull of all wheels over their load at the reference slip, 1.
 
+    A wheel that is sunk to its axle by a measured law counts as `SUNK`. Wheels are weighted by load, or
+    equally where a load is unknown.
+
     Parameters
     ----------
     newest
@@ -411,7 +414,7 @@ def vehicle_margin(newest: Estimates) -> Quantity | None:
     Returns
     -------
     Quantity or None
-        Value and standard deviation, 1; None where no wheel has a margin.
+        Value and standard deviation, 1; None where no wheel has a margin or is so sunk.
     """
     if not len(newest):
         return None

@@ -35,6 +35,7 @@ _LEAST_TORQUE = 0.25  # N at the rim: least deviation of a measured torque
 HARDLY_TRAVELS = 0.95  # slip above which energy per metre is not given
 # Margin of a wheel that is sunk to its axle: it pulls nothing, and its whole load has to be dragged along.
 SUNK = -1.0
+_OF_SUNK = {"margin": SUNK, "margin_std": 0.0, "beyond": 0.0}
 _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter: sinkages among which the best is chosen
 
 
@@ -111,10 +112,8 @@ def mobility(
     found = dict(zip(names_of_all, np.full((len(names_of_all), count), np.nan), strict=True))
     beyond, unsure = np.zeros(count), np.zeros(count)
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
-    for name, value in (("margin", SUNK), ("margin_std", 0.0), ("beyond", 0.0)):
-        found[name][rolls & on.sunk] = value
-    rolls &= ~on.sunk & np.isfinite(on.sinkage) & np.isfinite(reference.sinkage)
-    mine = np.flatnonzero(rolls)
+    sunk = on.sunk.copy()
+    mine = np.flatnonzero(rolls & ~sunk & np.isfinite(on.sinkage) & np.isfinite(reference.sinkage))
     if mine.size:
         rolling, own, at_reference = rows.take(mine), on.take(mine), reference.take(mine)
         of = strengths.rolling(rolling.wheel, own, rolling.slip)
@@ -126,6 +125,9 @@ def mobility(
         )
         for name, values in made.items():
             found[name][mine] = values
+        sunk[mine] = at_reference.sunk
+    for name, value in _OF_SUNK.items():
+        found[name][rolls & sunk] = value
     nothing = np.where(on.sunk | np.isnan(on.sinkage), np.nan, 1.0)
     loaded = WheelsUnderLoad(
         rows.wheel, load, (load_std / load) ** 2, np.zeros(count), rows.slip, rows.speed, rows.passes,
@@ -221,9 +223,9 @@ def _margins(
     deviation = np.sqrt(np.maximum(spread, _LEAST_STD**2)) / on.load
     _, most, _ = reserve.forces(at_slip(max(settings.reference_slip, SPINS)), exact_slip=True)
     return {
-        "beyond": np.where(on.sunk, 0.0, np.maximum(most.value - pull.value, 0.0) / on.load),
-        "margin": np.where(on.sunk, SUNK, pull.value / on.load),
-        "margin_std": np.where(on.sunk, 0.0, deviation),
+        "beyond": np.maximum(most.value - pull.value, 0.0) / on.load,
+        "margin": pull.value / on.load,
+        "margin_std": deviation,
     }
 
 

@@ -25,9 +25,8 @@ from .passes import Passes
 from .steering import ASIDE
 
 _LONGEST = 1.0  # s between two rows over which speeds are taken to change evenly
-_PAUSED = (
-    10.0  # s: a recording that was paused; speeds do not tell what was driven meanwhile, places do
-)
+# s: a recording that was paused; speeds do not tell what was driven meanwhile, places do
+_PAUSED = 10.0
 
 
 @dataclass

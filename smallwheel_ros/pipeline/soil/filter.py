@@ -140,7 +140,7 @@ class Member:
 
     def allow_own_zeros(self, variance: float) -> None:
         """Begin with this variance (m^2) of each sensor's own zero, of which nothing is known yet."""
-        own = np.arange(WHEELS, self.model.size, EACH)
+        own = self.model.own_zeros
         covariance = self.kalman.P.copy()
         covariance[own, own] = variance
         self.kalman.P = covariance
@@ -436,7 +436,7 @@ class SoilFilter:
 
     @property
     def zero_by_law(self) -> float:
-        """Variance (m^2) by which the law has made the zero of all sinkage sensors better known than before.
+        """Reduction of the variance (m^2) of the sinkage sensors' common zero from its prior; at least 0.
 
         A zero shows in how far sinkages grow with load: on ground that is no power of depth it does not.
         """
@@ -490,8 +490,8 @@ class SoilFilter:
         Returns
         -------
         miss, covariance, by_load : ndarray
-            Measured less predicted sinkages, (rows,), m; their covariance, (rows, rows), m^2; slopes of the
-            predicted sinkages by ln load, (rows,), m.
+            Measured less predicted sinkages, (rows,), m; their covariance, (rows, rows), m^2;
+            derivatives of the predicted sinkages with respect to ln load, (rows,), m.
         """
         shown = self.model.h(self.mean, rows)
         _, counts, _ = self.scatter.noise(rows, shown)

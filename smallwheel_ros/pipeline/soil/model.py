@@ -211,9 +211,9 @@ class Shown(Columns):
     value
         Sinkage, m, (rows,): h(x) as the sensor shows it, or without its errors.
     H
-        Slopes of `value` by the state, (rows, size).
+        Derivatives of `value` with respect to the state, m over the state's units, (rows, size).
     by_load
-        Slope of `value` by ln load, m, (rows,).
+        Derivative of `value` with respect to ln load, m, (rows,).
     doubt
         Variance of the sinkage due to uncertain effects of ruts and slip, m^2, (rows,).
     """
@@ -244,6 +244,8 @@ class LawModel:
     ----------
     size
         Length of the state.
+    own_zeros
+        Indices in the state of the zeros of single sinkage sensors, shape (wheels,).
     side
         1 for wheels on the left, -1 on the right, 0 in the middle, shape (wheels,).
     mean, soil_covariance
@@ -262,6 +264,7 @@ class LawModel:
     ) -> None:
         self.wheels, self.effects, self.reference = wheels, tuple(effects), reference
         self.size = WHEELS + EACH * len(wheels)
+        self.own_zeros = np.arange(WHEELS, self.size, EACH)
         self._across = math.log(reference[1] / REFERENCE_DIAMETER)
         self.side = np.sign([wheel.lateral_position for wheel in wheels])
         self.mean = np.zeros(self.size)
@@ -295,7 +298,7 @@ class LawModel:
     def fault_free(self, covariance: Array) -> Array:
         """The covariance of the state with deviations of passes and of the common zero reduced to a tenth.
 
-        What single sensors are off by is no fault: wheels of two sizes would show it as m.
+        Errors of single sensors are not reduced: otherwise wheels of two sizes would show them as m.
         """
         scale = np.ones(self.size)
         scale[[PASS, ZERO]] = _FAULT_FREE
@@ -303,11 +306,11 @@ class LawModel:
         return whole
 
     def own_zero_variance(self, mean: Array, covariance: Array) -> float:
-        """Variance of what single sinkage sensors are off by, as an estimate of the state shows it, m^2.
+        """Estimate the variance of the zeros of single sinkage sensors from a state, m^2.
 
-        A step of expectation maximisation (Dempster, Laird and Rubin 1977): the prior's variance as that of
-        two more sensors. Where wheels of one size agree, what sizes differ by is m; where they do not, it
-        may be the sensors.
+        A step of expectation maximisation (Dempster, Laird and Rubin 1977): the prior's variance counts as
+        two more sensors. Where wheels of one size agree, the difference between sizes is m; where they do
+        not, it may be the sensors.
 
         Parameters
         ----------
@@ -316,8 +319,7 @@ class LawModel:
         covariance
             Shape (size, size).
         """
-        own = slice(WHEELS, self.size, EACH)
-        squares = mean[own] ** 2 + np.diag(covariance)[own]
+        squares = mean[self.own_zeros] ** 2 + np.diag(covariance)[self.own_zeros]
         told = _TOLD_ZEROS * self.soil_covariance[WHEELS, WHEELS]
         return float((told + squares.sum()) / (_TOLD_ZEROS + squares.size))
 

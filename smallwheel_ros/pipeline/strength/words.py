@@ -168,7 +168,7 @@ def is_told(P: Array, prior_std: Array) -> Flags:
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:
-    """List the sources of strength that are not in use, with what each needs or would add.
+    """List which of balance and torque are not in use as sources of strength, with what each needs.
 
     Parameters
     ----------
@@ -182,7 +182,8 @@ def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, 
     Returns
     -------
     dict of str
-        Sentences by source: 'balance', 'torque', or neither.
+        Sentences by source, of 'balance' and 'torque' those that are lacking. A torque that is configured is
+        not lacking.
     """
     found = {}
     if "balance" not in sources:
